@@ -60,9 +60,7 @@ def test_a_second_time_replaces_the_files(folder: Path) -> None:
     assert {"parts.csv", "wiring.csv", "deck.cir", "report.html", "channel-1.kicad_sch"} <= changed
 
 
-def test_without_a_verdict_the_other_files_are_written(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_other_files_need_no_verdict(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built(folder)
     report = (folder / "report.html").read_text()
     monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent")
@@ -146,9 +144,7 @@ def test_csv_and_json_agree(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "supply"), [("lm324", 15.0), ("ad8065", 12.0)])
-def test_a_new_scene_has_the_op_amp_that_is_asked_for(
-    name: str, supply: float, tmp_path: Path
-) -> None:
+def test_a_new_scene_has_the_op_amp_asked_for(name: str, supply: float, tmp_path: Path) -> None:
     file = tmp_path / "board.toml"
     assert taction("new", str(file), "--opamp", name).exit_code == 0
     design = load_scene(file).design

@@ -19,9 +19,7 @@ from tests.support.running import taction as run
 
 NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` has no other two
 # Of the command alone: how the result is shown, and where the files stand.
-SHOWN = {
-    "verify": {"scenes", "verbose"},
-}
+SHOWN = {"verify": {"scenes", "verbose"}}
 # Words with which a command ends with 0; those that are not named have their line of `LINES`.
 WORDS = {
     "check": "check a.cir",

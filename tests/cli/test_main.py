@@ -181,9 +181,7 @@ def test_the_published_schemas_are_valid_without_open_parts_and_those_of_all_com
 
 @pytest.mark.usefixtures("folder", "quick_stories")
 @pytest.mark.parametrize("name", LINES)
-def test_a_real_document_fits_its_schema(
-    name: str, ngspice: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_documents_fit_schemas(name: str, ngspice: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "error, no ngspice":
         monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
     found = document(taction(*line(name), "--json"))

@@ -192,9 +192,7 @@ SWEEP = ("sweep", "a.toml", "--over", "C=10p", "--engine", "ngspice", "--jobs", 
 
 
 @pytest.mark.usefixtures("ngspice")
-def test_a_temporary_folder_may_have_any_name(
-    boards: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_temporary_folder_has_any_name(boards: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = boards / "a'quote, a line\nbreak, $HOME;`x` {\\"
     place.mkdir()
     monkeypatch.setenv("TMPDIR", str(place))

@@ -21,9 +21,7 @@ from taction.system.processes import clear_abandoned, make_own_folder, own_folde
 from tests.support.running import is_running
 
 
-def test_a_new_file_has_the_permissions_of_any_other_and_an_old_one_keeps_its_own(
-    tmp_path: Path,
-) -> None:
+def test_a_new_file_has_the_usual_permissions_and_an_old_one_keeps_its_own(tmp_path: Path) -> None:
     (tmp_path / "plain").write_text("")
     write_atomically(tmp_path / "new", "µ")
     assert (tmp_path / "new").read_text(encoding="utf-8") == "µ"
@@ -63,9 +61,7 @@ def test_text_that_is_no_unicode_is_escaped(tmp_path: Path) -> None:
         ("x" * 300, "File name too long"),
     ],
 )
-def test_a_name_that_cannot_be_written_is_an_input_error(
-    name: str, reason: str, tmp_path: Path
-) -> None:
+def test_a_name_that_cannot_be_written_is_bad_input(name: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=reason) as refused:

@@ -204,9 +204,7 @@ def test_a_step_that_fails_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(2), BrokenPipeError()])
-def test_what_is_no_failure_of_the_step_passes(
-    error: BaseException, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_failure_passes(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(after_result, "FAILURES", (Exception,))
 
     def step() -> None:

@@ -206,9 +206,7 @@ stability = { margin = 1.5 }
 """
 
 
-def test_a_worst_value_below_1_is_a_written_scene_that_passes(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_a_worst_value_below_1_is_a_passing_scene(tmp_path: Path, rng: np.random.Generator) -> None:
     """Ten drawn designs; those of a failed check other than headroom do not pass."""
     file = tmp_path / "two.toml"
     file.write_text(TWO_CHANNELS, encoding="utf-8")

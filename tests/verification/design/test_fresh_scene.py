@@ -19,13 +19,7 @@ from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.design import fresh_scene as module
-from taction.verification.design.fresh_scene import (
-    BAND,
-    GRADES,
-    NewScene,
-    exceeded,
-    with_limits,
-)
+from taction.verification.design.fresh_scene import BAND, GRADES, NewScene, exceeded, with_limits
 from taction.verification.verdict.verify import verify
 from tests.support.running import taction
 
@@ -149,9 +143,7 @@ def test_ngspice_verifies_it(tmp_path: Path, problem: tuple[Floats, Floats], ngs
     assert verdict.outcome.value == "pass"
 
 
-def test_lambda_leaves_the_residual_of_the_noise(
-    tmp_path: Path, problem: tuple[Floats, Floats]
-) -> None:
+def test_the_residual_is_that_of_the_noise(tmp_path: Path, problem: tuple[Floats, Floats]) -> None:
     T, eps = problem
     write(tmp_path, T, eps)
     lam = fresh(tmp_path, noise=SIGMA).scaled.verdict.circuit.value("lambda")

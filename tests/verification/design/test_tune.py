@@ -23,13 +23,7 @@ from taction.system.errors import EngineError, InputError
 from taction.system.quantities import parse
 from taction.verification.design import tune as tune_module
 from taction.verification.design.scaling import Scaled
-from taction.verification.design.trials import (
-    OutOfWorkError,
-    Search,
-    Trial,
-    Trials,
-    search,
-)
+from taction.verification.design.trials import OutOfWorkError, Search, Trial, Trials, search
 from taction.verification.design.tune import Tuned
 from taction.verification.verdict.verify import verify
 from tests.support import nightly
@@ -81,9 +75,7 @@ def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
     assert settling.value == pytest.approx(found.after.settling_time, rel=0.05)
 
 
-def test_limits_of_the_scene_are_the_defaults_and_a_range_is_kept(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_limits_are_those_of_the_scene_and_ranges_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune_module, "GRID", {1: 5})
     asked = scene(checks={"overshoot": {"max": 0.07}, "stability": {"margin": 1.2}})
     found = tune(asked)

@@ -57,9 +57,7 @@ def agree(n: int, channel: ChannelMeasure, found: dict[str, float], period: floa
     ("name", "period"),
     [("tuned-breadboard", 0.0), ("paper-exponential", 0.0), *nightly(("paper-breadboard", 2.1e-5))],
 )
-def test_measures_are_the_readings_of_verify(
-    name: str, period: float, ngspice: str, tmp_path: Path
-) -> None:
+def test_measures_are_readings(name: str, period: float, ngspice: str, tmp_path: Path) -> None:
     readings = taction.verify(SCENES / f"{name}.toml", engine="statespace").measurements
     found = results(measured(name), tmp_path)
     expected = value(readings.settling_time)
@@ -69,9 +67,7 @@ def test_measures_are_the_readings_of_verify(
 
 
 @pytest.mark.parametrize("dialect", MODES)
-def test_known_readings_are_measured_in_every_dialect(
-    dialect: str, ngspice: str, tmp_path: Path
-) -> None:
+def test_every_dialect_measures_known_readings(dialect: str, ngspice: str, tmp_path: Path) -> None:
     deck = taction.netlist(SCENES / "known-readings.toml", dialect=dialect, measure=True)
     found = results(deck, tmp_path, MODES[dialect])
     settling = "last" if dialect == "ltspice" else "t_settle"  # ngspice does not read its PARAM

@@ -104,9 +104,7 @@ def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
     assert load.rest == pytest.approx(abs(expected), rel=1e-6)
 
 
-def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_loads_and_record_by_steps_are_of_one_integration(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, prepare = list[stepped.Task](), stepped.SteppedCurve.of
 
     def counted(task: stepped.Task) -> stepped.SteppedCurve:
@@ -228,12 +226,9 @@ SLEWING = {
 
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(
-    "name",
-    [*(name for name in SLEWING if name != "many unknowns"), *nightly("many unknowns")],
+    "name", [*(name for name in SLEWING if name != "many unknowns"), *nightly("many unknowns")]
 )
-def test_both_engines_agree_on_every_kind_of_board_that_slews(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_both_engines_agree_on_slewing_boards(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "many unknowns":  # solved through its structure
         monkeypatch.setattr(descriptor, "LARGE", 100)
     scene, reason = SLEWING[name]

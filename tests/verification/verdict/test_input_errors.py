@@ -119,9 +119,7 @@ def test_an_output_at_rest_is_that_of_the_closed_form(name: str) -> None:
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("large_signal", [False, True])
 @pytest.mark.parametrize("resistors", [DIVIDER, DIVIDER[:1], (LEAK,)])
-def test_a_whole_model_rests_alike_in_both_engines(
-    resistors: tuple[Resistor, ...], large_signal: bool
-) -> None:
+def test_whole_models_rest_alike(resistors: tuple[Resistor, ...], large_signal: bool) -> None:
     """Inverting, without feedback (its offset alone drives it beyond its swing), or following."""
     model = replace(UA741, large_signal=large_signal)
     circuit = bench(model, *resistors, follower=LEAK in resistors)
@@ -354,9 +352,7 @@ def test_a_file_that_does_not_fit_is_refused(
         synthesise(write(changes, **tables))
 
 
-def test_a_board_knows_the_measured_figures_and_a_scene_may_take_them_alone(
-    write: Callable[..., Scene],
-) -> None:
+def test_a_board_knows_the_measured_figures_or_has_them_alone(write: Callable[..., Scene]) -> None:
     cards, figures = (
         synthesise(write(design={"opamp": {"file": "fet100.opamp.json", "model": model}}))
         for model in ("cards", "figures")

@@ -208,9 +208,7 @@ def test_the_verdict_counts_what_the_scene_asks_for() -> None:
         (np.ones((400, 1)), 400, 1.959963985 * 20.0),
     ],
 )
-def test_the_distance_is_the_quantile_of_the_distribution(
-    rows: Floats, uniform: int, expected: float
-) -> None:
+def test_the_distance_is_that_of_the_quantile(rows: Floats, uniform: int, expected: float) -> None:
     count = rows.shape[1]
     spread = InputSpread(np.zeros(count), rows, uniform)
     distance, error = spread.distance(np.zeros(count))

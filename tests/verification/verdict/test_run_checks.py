@@ -281,9 +281,7 @@ def test_checks_that_nobody_asked_for_are_not_made() -> None:
         (2.5, 0.0, "a pole is on the axis", UNDECIDED),
     ],
 )
-def test_a_stability_margin(
-    factor: float, uncertainty: float, doubt: str, outcome: Outcome
-) -> None:
+def test_stability_margins(factor: float, uncertainty: float, doubt: str, outcome: Outcome) -> None:
     wanted = margin(factor, uncertainty, doubt)
     found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=wanted))
     assert (found.outcome, found.value, found.expected, found.unit) == (

@@ -262,9 +262,7 @@ def test_even_steps_err_as_the_trapezoidal_rule_does(points: float) -> None:
 
 @pytest.mark.parametrize("error", [1e-3, 1e-5])
 @pytest.mark.parametrize("circuit", [paper_board(), single_mode(2.2e-5), lags(3, 1e-6)])
-def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
-    circuit: Circuit, error: float
-) -> None:
+def test_a_cubic_through_instants_errs_as_little_as_asked(circuit: Circuit, error: float) -> None:
     model, stop = model_of(circuit)
     times = model.instants(error)
     assert times[0] == 0.0
@@ -279,9 +277,7 @@ def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
 
 
 @pytest.mark.parametrize("kept", [True, False])
-def test_the_record_of_a_diverging_transient_is_kept(
-    monkeypatch: pytest.MonkeyPatch, kept: bool
-) -> None:
+def test_a_diverging_record_is_kept(monkeypatch: pytest.MonkeyPatch, kept: bool) -> None:
     time, values = np.array([0.0, 1e-6]), np.array([[0.0], [1e9]])
     partial = Waveforms(time, ("v_1",), values, "statespace", Cost(0.0, 2, 1)) if kept else None
 

@@ -233,9 +233,7 @@ def test_records_stay_where_repeats_fail(ngspice: str, monkeypatch: pytest.Monke
     )
 
 
-def test_without_an_answer_of_the_other_engine_nothing_has_a_bound(
-    ngspice: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_engine_alone_gives_no_bound(ngspice: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_answer(*_: object, **__: object) -> None:
         raise EngineError("no answer")
 

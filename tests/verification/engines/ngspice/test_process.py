@@ -42,9 +42,7 @@ def largest_error(waveforms: Waveforms) -> float:
     return float(np.abs(waveforms["out"] - exact).max())
 
 
-def test_rc_step_agrees_with_the_closed_form_and_converges_at_second_order(
-    simulator: Simulator,
-) -> None:
+def test_rc_step_has_the_closed_form_and_converges_at_second_order(simulator: Simulator) -> None:
     coarse, fine = (
         simulate(transient(step=step, solver=simulator.solver_option), simulator, timeout=30.0)
         for step in (1e-8, 5e-9)
@@ -58,9 +56,7 @@ def test_rc_step_agrees_with_the_closed_form_and_converges_at_second_order(
     assert coarse.cost.seconds > 0.0
 
 
-def test_operating_point_is_one_point_and_capital_letters_of_nodes_are_kept(
-    simulator: Simulator,
-) -> None:
+def test_operating_point_is_one_point_and_capital_letters_are_kept(simulator: Simulator) -> None:
     waveforms = simulate(divider(), simulator, timeout=30.0)
     assert waveforms.time.tolist() == [0.0]
     assert waveforms["out"][0] == pytest.approx(0.75, rel=1e-12)
@@ -155,9 +151,7 @@ FAILURES: dict[str, tuple[SmallDeck, type[errors.SimulationError], str]] = {
 
 
 @pytest.mark.parametrize("case", FAILURES)
-def test_failure_has_its_type_its_log_and_its_folder(
-    case: str, simulator: Simulator, tmp_path: Path
-) -> None:
+def test_a_failure_has_type_log_and_folder(case: str, simulator: Simulator, tmp_path: Path) -> None:
     deck, kind, text = FAILURES[case]
     with pytest.raises(kind) as caught:
         simulate(deck, simulator, timeout=30.0)
@@ -195,9 +189,7 @@ def test_out_of_disk(case: str, simulator: Simulator, tmp_path: Path) -> None:
         assert 0.0 < partial.time[-1] < 1e-4
 
 
-def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
-    simulator: Simulator, tmp_path: Path
-) -> None:
+def test_timeout_ends_the_group_and_keeps_the_result(simulator: Simulator, tmp_path: Path) -> None:
     fake = wrapped(simulator, tmp_path, "sleep 1000 & echo $! > child")
     with pytest.raises(errors.TimedOut, match=r"0\.5 s") as caught:
         simulate(endless(), fake, timeout=0.5)
@@ -278,9 +270,7 @@ ENDINGS: dict[str, type[errors.SimulationError]] = {
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_a_simulator_that_does_not_list_is_told_of(
-    ending: str, simulator: Simulator, tmp_path: Path
-) -> None:
+def test_a_failure_to_list_is_told_of(ending: str, simulator: Simulator, tmp_path: Path) -> None:
     with pytest.raises(ENDINGS[ending]):
         expand(LINES, wrapped(simulator, tmp_path, ending), seconds=0.3)
 
@@ -289,8 +279,6 @@ def test_a_simulator_that_does_not_list_is_told_of(
     ("wrong", "says"),
     [((*LINES, "r2 out 0 {nothing}"), "nothing"), ((".subckt s a", *LINES, ".ends"), "no card")],
 )
-def test_a_deck_of_which_ngspice_complains_is_refused(
-    wrong: tuple[str, ...], says: str, simulator: Simulator
-) -> None:
+def test_a_bad_deck_is_refused(wrong: tuple[str, ...], says: str, simulator: Simulator) -> None:
     with pytest.raises(errors.DidNotLoad, match=says):
         expand(wrong, simulator)

@@ -171,9 +171,7 @@ def test_margins_are_edges_of_the_poles_and_every_part_counts(read: Read) -> Non
     ],
     ids=["nodes without ground", "loop of sources"],
 )
-def test_what_has_no_equations_is_refused_by_name(
-    cards: tuple[str, ...], says: str, read: Read
-) -> None:
+def test_what_has_no_equations_is_refused(cards: tuple[str, ...], says: str, read: Read) -> None:
     with pytest.raises(EngineError, match=says):
         poles(read(deck("refused", *cards)).circuit)
 
@@ -206,9 +204,7 @@ def test_an_expression_without_braces_is_refused_with_its_line(card: str, read: 
         (1.0, "R1 o 0 1k\nR2 in out 1k", "v(o) = 10 V, the linear circuit 100 V"),
     ],
 )
-def test_a_step_beyond_the_linear_range_is_said(
-    volts: float, parts: str, said: str, tmp_path: Path
-) -> None:
+def test_too_large_a_step_is_said(volts: float, parts: str, said: str, tmp_path: Path) -> None:
     """10 tanh(10 v): at 1 V the circuit gives 10 V, its slope 100 V."""
     text = f"V1 in 0 PULSE(0 {volts})\nB1 o 0 V=10*tanh(10*V(in))\n{parts}\nC1 out 0 1n"
     notes = [each for each in taction.check(written(tmp_path, text)).notes if "too large" in each]
@@ -261,9 +257,7 @@ R13 46 45 30
 
 
 @pytest.mark.parametrize(("inputs", "outcome"), [("in out", "pass"), ("out in", "fail")])
-def test_a_negative_capacitance_of_a_model_does_not_decide(
-    inputs: str, outcome: str, tmp_path: Path
-) -> None:
+def test_a_negative_capacitance_does_not_decide(inputs: str, outcome: str, tmp_path: Path) -> None:
     """R12 and CNZ have a pole at +(R11 + R12) / (R11 R12 CNZ); with exchanged inputs it latches.
 
     From the unstable point of the exchanged inputs ngspice's tighter solution goes to a supply.

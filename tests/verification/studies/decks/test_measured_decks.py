@@ -51,9 +51,7 @@ def checked(folder: Path, text: str, **options: object) -> BoardCheck:
         ("midsupply-ac.cir", None, None),
     ],
 )
-def test_the_rightmost_pole_is_that_of_the_cards(
-    name: str, real: float | None, hertz: float | None
-) -> None:
+def test_the_rightmost_pole_is_right(name: str, real: float | None, hertz: float | None) -> None:
     found = taction.check(CASES / name)
     assert named(found, "ac_agrees").outcome.value == "pass"
     lead = found.poles.rightmost
@@ -358,9 +356,7 @@ E1 out 0 x 0 1"""
 @pytest.mark.parametrize(
     ("text", "rate"), [(LATCH, None), (SCHMITT, None), (HIDDEN, 1e6), (EXCHANGED, None)]
 )
-def test_the_unstable_middle_of_a_latch_is_no_pass(
-    text: str, rate: float | None, tmp_path: Path
-) -> None:
+def test_the_middle_of_a_latch_is_no_pass(text: str, rate: float | None, tmp_path: Path) -> None:
     """Also one that no source and no output sees; stable points stand on either side of it."""
     found = checked(tmp_path, text)
     assert any(note.startswith("at least 3 operating points") for note in found.notes), found.notes
@@ -431,9 +427,7 @@ def test_a_negative_resistance_in_series_with_an_emitter_is_no_latch(tmp_path: P
     )
 
 
-def test_two_solvers_of_ngspice_that_differ_do_not_decide(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_solvers_that_differ_do_not_decide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At one node both are off by 1e-5, in opposite directions or in one; at many it is unknown."""
     asked = witnesses._theirs
 
@@ -462,9 +456,7 @@ def test_the_reason_is_that_of_the_mode_that_reads_most(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("formula", ["500*i(e1)", "tanh(500*i(e1)+0.5)"])
-def test_the_current_of_a_source_with_gain_is_not_that_of_another_part(
-    formula: str, tmp_path: Path
-) -> None:
+def test_the_current_of_a_source_is_not_that_of_another_part(formula: str, tmp_path: Path) -> None:
     """``i(e1)`` beside a source Ve1, with 2 V at 1 kohm: -2 mA, and a gain of -1 V/V at the node.
 
     Of the tanh at rest (-1 + 0.5 = -0.5) the slope is 1 - tanh(0.5)^2.
@@ -515,9 +507,7 @@ def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
     assert rest - before == pytest.approx(gain * 1e-3, rel=1e-9)
 
 
-def test_a_point_that_ngspice_does_not_find_again_is_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_point_not_found_again_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a transient ends no small signal is known; with no tolerances to try none is found."""
     monkeypatch.setattr(operating_point, "TRIED", ())
     with pytest.raises(InputError, match="by a transient only"):

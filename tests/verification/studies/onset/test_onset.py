@@ -157,7 +157,7 @@ def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
     assert trial.below.predicted.real > 0.0 > trial.below.measured.growth_rate
 
 
-def test_without_ngspice_crossings_stay_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ngspice_crossings_are_found_but_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent/ngspice")
     boards = Family.over(lagging)
     found = boards.scan(np.geomspace(1e-10, 1e-8, 21).tolist())

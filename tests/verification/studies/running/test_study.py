@@ -91,9 +91,7 @@ def other_program(path: Path) -> None:
         ),
     ],
 )
-def test_a_spoilt_database_is_named_and_left_alone(
-    tmp_path: Path, spoil: Callable[[Path], None], says: str
-) -> None:
+def test_a_spoilt_database_stays(tmp_path: Path, spoil: Callable[[Path], None], says: str) -> None:
     path = tmp_path / "a.sqlite"
     with Store(str(path)) as store:
         for number in range(50):
@@ -196,9 +194,7 @@ def test_ctrl_c_leaves_what_did_not_run() -> None:
 
 
 @pytest.mark.parametrize(("kills", "found"), [(RUNS - 1, "result"), (10, "a signal ended")])
-def test_a_killed_run_is_repeated_and_the_folder_of_the_last_one_stays(
-    tmp_path: Path, kills: int, found: str
-) -> None:
+def test_a_killed_run_is_repeated_and_the_last_kept(tmp_path: Path, kills: int, found: str) -> None:
     runs: list[Path] = []
 
     def compute() -> str:

@@ -22,13 +22,7 @@ from taction.verification.stability import margin
 from taction.verification.studies.running import study
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers
-from taction.verification.studies.sweep import (
-    Plan,
-    all_records,
-    grid_points,
-    sweep,
-    sweep_points,
-)
+from taction.verification.studies.sweep import Plan, all_records, grid_points, sweep, sweep_points
 from taction.verification.verdict import verify as module_of_verdicts
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
@@ -270,9 +264,7 @@ def test_json_has_one_record_a_point(folder: Path) -> None:
     assert (again["ran"], again["points"]) == (0, document["points"])
 
 
-def test_the_status_is_1_if_a_point_fails_of_a_strict_sweep_and_3_without_a_verdict(
-    folder: Path,
-) -> None:
+def test_the_status_is_1_of_a_strict_sweep_that_fails_and_3_without_verdicts(folder: Path) -> None:
     failing = ("--over", "checks.steady_state.tolerance=1e-15,0.5", "-o", "a.sqlite")
     assert taction(*failing).exit_code == 0
     done = taction(*failing, "--strict")

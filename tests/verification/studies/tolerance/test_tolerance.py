@@ -47,13 +47,7 @@ from taction.verification.studies.tolerance.montecarlo import (
 from taction.verification.verdict.input_spread import tolerance_deviations
 from tests.support.entries import make_sample
 from tests.support.running import taction as command
-from tests.support.studying import (
-    DAMPED,
-    QUIET,
-    scene_file,
-    small_scene,
-    stored_samples,
-)
+from tests.support.studying import DAMPED, QUIET, scene_file, small_scene, stored_samples
 
 STUDY = prepare(small_scene())
 SAMPLES = [make_sample(0, settling_time=1e-6), make_sample(2, "fail", ("stability",), margin=1.5)]
@@ -80,9 +74,7 @@ def kept() -> Iterator[Store]:
     ("seed", "tables"),
     [(2, {}), (1, {"checks": {"steady_state": {"tolerance": 0.1}}}), (1, {"name": "another"})],
 )
-def test_samples_of_another_seed_or_scene_are_not_found(
-    kept: Store, seed: int, tables: dict[str, Any]
-) -> None:
+def test_samples_of_another_scene_are_new(kept: Store, seed: int, tables: dict[str, Any]) -> None:
     assert found(kept, prepare(small_scene(**tables)), seed) == [None] * 3
 
 
@@ -99,9 +91,7 @@ def nothing_is_missing(board: object, missing: Iterator[object], workers: object
     return []
 
 
-def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_what_is_missing_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = str(tmp_path / "a")
     with Store(path) as store:
         first = list(run_samples(STUDY, 4, 1, HERE, store))

@@ -44,9 +44,7 @@ def found(ngspice: str) -> WorkPrecisionStudy:
         return accuracy(ringing_scene(), budget=BUDGET)
 
 
-def test_every_setting_is_a_point_and_errors_fall_along_every_ladder(
-    found: WorkPrecisionStudy,
-) -> None:
+def test_every_setting_is_a_point_and_errors_fall_along_ladders(found: WorkPrecisionStudy) -> None:
     assert len(found.points) == sum(len(method.ladder) for method in FEW)
     for point in found.points:
         assert point.status == "done"
@@ -62,9 +60,7 @@ def test_every_setting_is_a_point_and_errors_fall_along_every_ladder(
     assert exact < 1e-9  # the rounding of the two references: 0.9e-10 to 1.5e-10, by BLAS kernel
 
 
-def test_the_cheapest_setting_that_reaches_the_error(
-    found: WorkPrecisionStudy,
-) -> None:
+def test_the_cheapest_setting_that_reaches_the_error(found: WorkPrecisionStudy) -> None:
     for engines in (("ngspice", "statespace"), ("ngspice",)):
         points = [p for p in found.points if p.method.engine in engines and p.error <= 1e-3]
         assert found.cheapest(1e-3, engines).seconds == min(p.seconds for p in points)
@@ -86,9 +82,7 @@ def ladder_of(run: Callable[..., Waveforms]) -> Method:
     return named("state space, implicit", run=run, ladder=(1e-3, 1e-5))
 
 
-def test_a_time_out_and_a_failure_are_points_with_their_reasons(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_time_out_and_a_failure_are_points_with_reasons(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study_module, "LEAST_TIME", 0.6)
     monkeypatch.setattr(study_module, "METHODS", [ladder_of(sleeps)])
     found = accuracy(ringing_scene(), budget=1e-9)
