@@ -157,15 +157,10 @@ def test_a_new_scene_has_the_op_amp_asked_for(name: str, supply: float, tmp_path
 
 def test_one_op_amp_is_shown_with_its_sources() -> None:
     shown = document(taction("models", "show", "ua741", "--json"))
-    assert shown["figures"]["bias_current"] == {
-        "value": 80e-9,
-        "unit": "A",
-        "note": "",
-        "source": shown["figures"]["dc_gain"]["source"],
-        "guaranteed": 500e-9,
-        "guaranteed_source": shown["figures"]["bias_current"]["source"],
-    }
-    assert "SLOS009A" in shown["figures"]["bias_current"]["source"]
+    bias, source = shown["figures"]["bias_current"], shown["figures"]["dc_gain"]["source"]
+    known = {"value": 80e-9, "unit": "A", "note": "", "source": source, "guaranteed": 500e-9}
+    assert bias == known | {"guaranteed_source": source}
+    assert "SLOS009A" in source
     assert shown["figures"]["voltage_noise"]["source"] == "assumed"
     assert shown["figures"]["saturation"]["note"] == "14 V of 15 V into 10 kohm"
 

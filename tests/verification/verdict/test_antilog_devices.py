@@ -161,27 +161,17 @@ def test_ngspice_has_the_same_noise(ngspice: str) -> None:
 
 
 def scene(T: list[list[float]], eps: list[float], **keys: Any) -> Scene:
-    common = {
-        "topology": "inv",
-        "unit_conductance": 20e-6,
-        "stray_capacitance": 0.0,
-        "opamp": OPAMP,
-        "engine": "statespace",
-    }
+    common = {"topology": "inv", "unit_conductance": 20e-6, "stray_capacitance": 0.0}
+    common |= {"opamp": OPAMP, "engine": "statespace"}
     return taction.Scene.from_arrays(T, eps, **(common | keys))
-
-
-def siemens(asked: Scene) -> Floats:
-    (matrix,) = taction.synthesise(asked).matrices
-    return np.asarray(1.0 / matrix.ohms)
 
 
 def test_entries_are_at_levels_within_the_window() -> None:
     """Eight levels from 0.5 to 35.5 uS are 5 uS apart: 20, 10, 5 and 6 uS go to the nearest."""
     keys = {"least_conductance": "0.5uS", "most_conductance": "35.5uS", "cell_levels": 8}
-    found = 1e6 * siemens(scene(ROWS, [0.1, 0.2, 0.3], **keys))
+    (matrix,) = taction.synthesise(scene(ROWS, [0.1, 0.2, 0.3], **keys)).matrices
     wanted = [[20.5, 10.5, 5.5], [10.5, 20.5, 5.5], [5.5, 5.5, 20.5]]
-    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    np.testing.assert_allclose(1e6 / matrix.ohms, wanted, rtol=1e-12)
 
 
 def test_a_programming_error_spreads_one_output_by_its_own_share() -> None:

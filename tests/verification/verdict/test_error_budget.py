@@ -43,16 +43,9 @@ STRESS = np.array([0.9, 0.3, 0.6])
 EPS = T @ STRESS + np.array([0.01, -0.02, 0.015, 0.0])
 LAM, U0, VE = 0.2, 0.5, 0.1
 POOR = {"base": "ideal", "dc_gain": 2e3, "gbw": "10MHz", "output_resistance": "75ohm"}
-BOARD: dict[str, Any] = {
-    "lambda": LAM,
-    "gain": "100kohm",
-    "unit_conductance": "10uS",
-    "unit_voltage": U0,
-    "capacitance": "470pF",
-    "stray_capacitance": 0,
-    "resistor_series": "E96",
-    "opamp": POOR,
-}
+BOARD: dict[str, Any] = {"lambda": LAM, "gain": "100kohm", "unit_conductance": "10uS"}
+BOARD |= {"unit_voltage": U0, "capacitance": "470pF", "stray_capacitance": 0, "opamp": POOR}
+BOARD |= {"resistor_series": "E96"}
 PRUNE = 0.03  # the two corners of the kernel, 0.0256 of its largest entry
 
 

@@ -62,13 +62,9 @@ def test_peaks_are_those_of_ngspice(scene: Scene) -> None:
     loads = loads_of(design)
     nodes = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = 20.0 * worst(loads, "voltage").at
-    simulator = find_simulator()
-    deck = write_deck(
-        design.circuit,
-        Transient(stop, stop / 20_000),
-        solver=simulator.solver_option,
-        saved=tuple(nodes.values()),
-    )
+    simulator, saved = find_simulator(), tuple(nodes.values())
+    analysis = Transient(stop, stop / 20_000)
+    deck = write_deck(design.circuit, analysis, solver=simulator.solver_option, saved=saved)
     wave = simulate(deck, simulator, timeout=60.0)
     slopes = np.gradient(wave.values, wave.time, axis=0)
     for quantity, values in (("voltage", wave.values), ("slope", slopes)):
@@ -170,14 +166,10 @@ def test_one_channel_by_hand() -> None:
     assert power.supply_current == pytest.approx(3e-3 + a + w, rel=1e-9)
 
 
-def built(scene: Scene, level: str = "auto") -> LinearBoard:
-    scene = with_values(scene, {"design.opamp.level": level})
-    return build(scene).linear
-
-
 def test_the_level_changes_neither_the_equilibrium_nor_the_poles() -> None:
     scene = load_scene(CASES / "slew-ua741.toml")
-    one, other = built(scene, "small-signal"), built(scene)
+    levels = ("small-signal", "auto")
+    one, other = (build(with_values(scene, {"design.opamp.level": n})).linear for n in levels)
     assert one.circuit.is_linear
     assert not other.circuit.is_linear
     for output in one.circuit.outputs:

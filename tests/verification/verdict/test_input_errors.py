@@ -37,15 +37,8 @@ from tests.support.measured import named
 from tests.support.paths import SCENES
 from tests.support.small_decks import SmallDeck
 
-OFFSET, BIAS, DIFFERENCE, REJECTION = 2e-3, 80e-9, 20e-9, 60.0
-UA741 = replace(
-    OPAMPS["ua741"],
-    input_errors=True,
-    offset_voltage=OFFSET,
-    bias_current=BIAS,
-    offset_current=DIFFERENCE,
-    common_mode_rejection=REJECTION,
-)
+FIGURES = {"bias_current": 80e-9, "offset_current": 20e-9, "common_mode_rejection": 60.0}
+UA741 = replace(OPAMPS["ua741"], input_errors=True, offset_voltage=2e-3, **FIGURES)
 
 
 def part(**figures: float) -> OpAmp:
@@ -61,10 +54,8 @@ def bench(model: OpAmp, *resistors: Resistor, follower: bool = False) -> Circuit
         models={model.name: model},
         opamps=(OpAmpCell("one", model.name, *pins),),
         resistors=resistors,
-        matrices=(),
-        capacitors=(),
-        currents=(),
         outputs=(Output("out", 1.0),),
+        **dict.fromkeys(("matrices", "capacitors", "currents"), ()),
     )
 
 
@@ -75,11 +66,9 @@ def by_equations(circuit: Circuit) -> float:
 def by_ngspice(circuit: Circuit) -> float:
     (model,), one = circuit.models.values(), circuit.opamps[0]
     grounded = one.noninverting == GROUND
-    cards = [
-        ".title one op-amp",
-        str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=15.0)),
-    ]
-    cards += [f"Xone {one.noninverting} {one.inverting} {one.output} {one.model}"]
+    subcircuit = opamp_subcircuit(model, noninverting_grounded=grounded, supply=15.0)
+    pins = f"{one.noninverting} {one.inverting} {one.output}"
+    cards = [".title one op-amp", str(subcircuit), f"Xone {pins} {one.model}"]
     cards += [f"R{r.name} {r.a} {r.b} {r.ohms!r}" for r in circuit.resistors]
     cards += [".options reltol=1e-9 abstol=1e-18 vntol=1e-12", ".save v(out)", ".op", ".end", ""]
     deck = SmallDeck("\n".join(cards), ("out",), OperatingPoint())
@@ -88,6 +77,7 @@ def by_ngspice(circuit: Circuit) -> float:
 
 DIVIDER = (Resistor("in", "sum", GROUND, 1e4), Resistor("fb", "out", "sum", 9e4))
 LEAK = Resistor("leak", "in", GROUND, 1e6)
+REJECTING = {"bias_current": 100e-9, "common_mode_rejection": 60.0}
 CLOSED_FORMS = {
     # v- = Vos, and so the output is (1 + 90/10) Vos
     "offset": (part(offset_voltage=1e-3), DIVIDER, False, 10e-3),
@@ -98,12 +88,7 @@ CLOSED_FORMS = {
     # I+ = 80 nA + 10 nA through 1 Mohm holds the input at -90 mV
     "follower": (part(bias_current=80e-9, offset_current=20e-9), (LEAK,), True, -90e-3),
     # v+ - v- + 1e-3 (v+ + v-) / 2 = 0 at v+ = -0.1 V: v- = v+ (1 + 5e-4) / (1 - 5e-4)
-    "rejection": (
-        part(bias_current=100e-9, common_mode_rejection=60.0),
-        (LEAK,),
-        True,
-        -0.1 * (1.0 + 5e-4) / (1.0 - 5e-4),
-    ),
+    "rejection": (part(**REJECTING), (LEAK,), True, -0.1 * (1.0 + 5e-4) / (1.0 - 5e-4)),
 }
 
 

@@ -22,22 +22,15 @@ from tests.support.boards import outputs_at_rest
 from tests.support.making import make_scene
 
 UA741 = {"base": "ua741", "input_errors": "typical"}
-DESIGN: dict[str, Any] = {
-    "capacitance": "1nF",
-    "lambda": 0.1,
-    "gain": "100kohm",
-    "unit_conductance": "10uS",
-    "stray_capacitance": "5pF",
-    "opamp": UA741 | {"slew_rate": "1kV/us"},
-}
+DESIGN: dict[str, Any] = {"capacitance": "1nF", "lambda": 0.1, "gain": "100kohm"}
+DESIGN |= {"unit_conductance": "10uS", "stray_capacitance": "5pF"}
+DESIGN |= {"opamp": UA741 | {"slew_rate": "1kV/us"}}
 EXACT = Tolerances(resistor=0.0, capacitor=0.0, stray=0.0, opamp_gbw=0.0, opamp_gain=0.0)
 KINDS = {
     "linear": {},
     "passive": {"topology": "passive", "lambda": 100.0},
     "exponential": {"amplifier": "exponential", "exponential_slope": "1V"},
-    "large-signal": {
-        "opamp": {"base": "ua741", "input_errors": "typical", "level": "large-signal"}
-    },
+    "large-signal": {"opamp": UA741 | {"level": "large-signal"}},
 }
 PROBLEM = {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.6, -0.4]}
 
@@ -165,11 +158,9 @@ def test_resistors_drift_each_by_itself() -> None:
     """One resistor after the other, larger by the deviation of its temperature coefficient."""
     circuit = board(opamp="ideal")
     step, squares = 1e-6, np.zeros(2)
-    names = [f"R{part.name}" for part in circuit.resistors] + [
-        f"{matrix.name}_{k + 1}_{n + 1}"
-        for matrix in circuit.matrices
-        for k, n, *_ in matrix.elements()
-    ]
+    names = [f"R{part.name}" for part in circuit.resistors]
+    for matrix in circuit.matrices:
+        names += [f"{matrix.name}_{k + 1}_{n + 1}" for k, n, *_ in matrix.elements()]
     for name in names:
         changed = with_factors(circuit, {name: 1.0 + step})
         squares += ((outputs_at_rest(changed) - outputs_at_rest(circuit)) / step) ** 2

@@ -300,15 +300,12 @@ def state_space_run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, Stat
 
 
 def of_an_amplifier(t: Floats) -> Floats:
-    v = solve_ivp(
-        lambda _, x: -(x + 2.0 * np.exp(x / 0.5)) / 1e-5 - x / 1e6,
-        (0.0, 2e-4),
-        [0.0],
-        method="LSODA",
-        rtol=1e-12,
-        atol=1e-14,
-        t_eval=t,
-    ).y[0]
+    options = {"method": "LSODA", "rtol": 1e-12, "atol": 1e-14, "t_eval": t}
+
+    def slope(_: float, x: Floats) -> Floats:
+        return -(x + 2.0 * np.exp(x / 0.5)) / 1e-5 - x / 1e6
+
+    v = solve_ivp(slope, (0.0, 2e-4), [0.0], **options).y[0]
     return np.asarray(-2.0 * np.exp(v / 0.5))[:, None]
 
 

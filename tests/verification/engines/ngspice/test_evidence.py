@@ -150,17 +150,10 @@ RC = noise_bands(np.array([-1.0 / (R * C) + 0j]))
 def noise_deck(bands: tuple[NoiseBand, ...], *, saved: str = "out", parts: str = "") -> SmallDeck:
     """R and C between ``out`` and ground."""
     cards = [f".noise v({saved}) V1 dec {b.density} {b.start!r} {b.stop!r}" for b in bands]
-    lines = [
-        "* taction test",
-        "V1 in 0 0.0 ac 1.0",
-        parts or f"R1 out 0 {R!r}",
-        f"C1 out 0 {C!r}",
-        ".options noopiter reltol=1e-06",
-        ".save onoise_spectrum onoise_total",
-        *cards,
-        ".end",
-    ]
-    return SmallDeck("\n".join(lines) + "\n", (saved,), NoiseAnalysis(bands))
+    head = f"* taction test\nV1 in 0 0.0 ac 1.0\n{parts or f'R1 out 0 {R!r}'}\nC1 out 0 {C!r}\n"
+    options = ".options noopiter reltol=1e-06\n.save onoise_spectrum onoise_total\n"
+    text = head + options + "\n".join([*cards, ".end\n"])
+    return SmallDeck(text, (saved,), NoiseAnalysis(bands))
 
 
 def noise(deck: SmallDeck) -> float:

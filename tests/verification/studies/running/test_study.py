@@ -278,14 +278,8 @@ def streams(process: subprocess.Popen[str]) -> tuple[str, str]:
 
 def start(words: list[str]) -> subprocess.Popen[str]:
     """Start a command in a session of its own."""
-    return subprocess.Popen(
-        words,
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(words, cwd=ROOT, text=True, start_new_session=True, **pipes)
 
 
 def wait_for_results(file: Path, process: subprocess.Popen[str]) -> None:

@@ -116,12 +116,7 @@ def test_sweep_and_samples_share_a_file(tmp_path: Path) -> None:
     assert json.loads(command(*samples).stdout) == first
 
 
-REAL: dict[str, Any] = {
-    "capacitance": "100pF",
-    "gain": "100kohm",
-    "stray_capacitance": 0,
-    "opamp": {"base": "ideal", "gbw": "50MHz", "voltage_noise": "10nV/rtHz"},
-}
+REAL = DAMPED | {"opamp": {"base": "ideal", "gbw": "50MHz", "voltage_noise": "10nV/rtHz"}}
 LIMIT = {"steady_state": {"tolerance": 0.5}, "settling_time": {"band": 0.5}}
 
 
