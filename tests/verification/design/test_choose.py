@@ -30,6 +30,7 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 from tests.support.entries import make_record, store_records
+from tests.support.making import make_scene
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
 
@@ -187,30 +188,18 @@ def test_a_board_without_a_capacitor_is_chosen_by_its_own_keys() -> None:
     assert len({tuple(design.values[key] for key in keys) for design in found.designs}) == 4
 
 
-TWO_CHANNELS = """
-name = "two"
-problem = { kind = "matrix", matrix = [[1.0, 0.3], [-0.2, 0.8]], strain = [0.6, -0.4] }
-[analysis]
-engine = "statespace"
-[design]
-lambda = 0.1
-gain = "30kohm"
-unit_conductance = "30uS"
-opamp = "opa189"
-capacitance = "47pF"
-[checks]
-steady_state = { tolerance = 0.02 }
-settling_time = { band = 0.04, max = "15us" }
-overshoot = { max = 0.05 }
-stability = { margin = 1.5 }
-"""
-
-
 def test_a_worst_value_below_1_is_a_passing_scene(tmp_path: Path, rng: np.random.Generator) -> None:
     """Ten drawn designs; those of a failed check other than headroom do not pass."""
-    file = tmp_path / "two.toml"
-    file.write_text(TWO_CHANNELS, encoding="utf-8")
-    start, ranges = load_scene(file), {CAPACITANCE: "20pF:300pF", GAIN: "20k:100k"}
+    design = {"lambda": 0.1, "gain": "30kohm", "unit_conductance": "30uS", "capacitance": "47pF"}
+    checks = {"steady_state": {"tolerance": 0.02}, "overshoot": {"max": 0.05}}
+    checks |= {"settling_time": {"band": 0.04, "max": "15us"}, "stability": {"margin": 1.5}}
+    start = make_scene(
+        {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.6, -0.4]},
+        design=design | {"opamp": {"base": "opa189", "input_errors": "typical"}},
+        checks=checks,
+        analysis={"engine": "statespace"},
+    )
+    ranges = {CAPACITANCE: "20pF:300pF", GAIN: "20k:100k"}
     plan = choice_plan(start, ["opa189", "ua741"], ranges, 3)
     with Store(":memory:") as store:
         computed(plan, store, jobs=1)

@@ -227,25 +227,14 @@ def test_both_engines_agree_on_boards_with_errors(name: str) -> None:
 
 
 VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
-PINS = ("inp", "inn", "vcc", "vee", "out")
-SCENE = """
-name = "imported"
-[problem]
-kind = "tactile"
-channels = 5
-span = 3.0
-[design]
-capacitance = "100pF"
-resistance = "1.9Mohm"
-gain = "2Mohm"
-unit_conductance = "1uS"
-stray_capacitance = "2pF"
-opamp = { file = "fet100.opamp.json" }
-[analysis]
-initial = "rest"
-[checks]
-settling_time = { band = 0.01, max = "1ms" }
-"""
+PINS, FILE = ("inp", "inn", "vcc", "vee", "out"), "fet100.opamp.json"
+SCENE: dict[str, dict[str, Any]] = {
+    "problem": {"kind": "tactile", "channels": 5, "span": 3.0},
+    "design": {"capacitance": "100pF", "resistance": "1.9Mohm", "gain": "2Mohm"}
+    | {"unit_conductance": "1uS", "stray_capacitance": "2pF", "opamp": {"file": FILE}},
+    "analysis": {"initial": "rest"},
+    "checks": {"settling_time": {"band": 0.01, "max": "1ms"}},
+}
 
 
 @pytest.fixture(scope="module")
@@ -258,13 +247,9 @@ def write(document: dict[str, Any], tmp_path: Path) -> Callable[..., Scene]:
     """Write scene and op-amp, both with changes, and read the scene."""
 
     def scene(changes: dict[str, Any] | None = None, **tables: dict[str, Any]) -> Scene:
-        (tmp_path / "fet100.opamp.json").write_text(json.dumps(document | (changes or {})))
-        path = tmp_path / "scene.toml"
-        path.write_text(SCENE)
-        data = load_scene(path).model_dump(by_alias=True, exclude_unset=True)
-        for table, values in tables.items():
-            data[table] |= values
-        return parse_scene(data, path)
+        (tmp_path / FILE).write_text(json.dumps(document | (changes or {})))
+        data = {name: table | tables.get(name, {}) for name, table in SCENE.items()}
+        return parse_scene(data, tmp_path / "scene.toml")
 
     return scene
 
@@ -339,7 +324,7 @@ def test_a_file_that_does_not_fit_is_refused(
 
 def test_a_board_knows_the_measured_figures_or_has_them_alone(write: Callable[..., Scene]) -> None:
     cards, figures = (
-        synthesise(write(design={"opamp": {"file": "fet100.opamp.json", "model": model}}))
+        synthesise(write(design={"opamp": {"file": FILE, "model": model}}))
         for model in ("cards", "figures")
     )
     (vendor,), (macromodel,) = cards.models.values(), figures.models.values()
