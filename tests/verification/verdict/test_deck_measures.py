@@ -18,7 +18,6 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.scene import load_scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.readings.measurements import ChannelMeasure
-from taction.verification.readings.readings import Reading
 from tests.support import nightly
 from tests.support.other_simulators import run_ngspice
 from tests.support.paths import SCENES
@@ -38,18 +37,14 @@ def measured(name: str, **options: bool) -> Deck:
     return taction.netlist(SCENES / f"{name}.toml", measure=True, **options)
 
 
-def value(reading: Reading | None) -> float:
-    return reading.value
-
-
 def agree(n: int, channel: ChannelMeasure, found: dict[str, float], period: float) -> None:
     """Every measure of a channel is there, and it is the reading within its error."""
-    settling = value(channel.settling_time)
+    settling = channel.settling_time.value
     assert found[f"t_settle_{n}"] == pytest.approx(settling, rel=2e-3, abs=period)
     if channel.rise_time is None:
         assert f"t_rise_{n}" not in found
     else:
-        assert found[f"t_rise_{n}"] == pytest.approx(value(channel.rise_time), rel=1e-3)
+        assert found[f"t_rise_{n}"] == pytest.approx(channel.rise_time.value, rel=1e-3)
     assert found[f"overshoot_{n}"] == pytest.approx(channel.overshoot, abs=1e-4)
 
 
@@ -60,7 +55,7 @@ def agree(n: int, channel: ChannelMeasure, found: dict[str, float], period: floa
 def test_measures_are_readings(name: str, period: float, ngspice: str, tmp_path: Path) -> None:
     readings = taction.verify(SCENES / f"{name}.toml", engine="statespace").measurements
     found = results(measured(name), tmp_path)
-    expected = value(readings.settling_time)
+    expected = readings.settling_time.value
     assert found["t_settle"] == pytest.approx(expected, rel=1e-3)
     for n, channel in enumerate(readings.channels, 1):
         agree(n, channel, found, period)

@@ -64,10 +64,6 @@ def judged(amplifier: str, engine: str = "statespace", *, known: bool = True) ->
     return verify(a_scene(amplifier, engine), problem=problem(known=known))
 
 
-def best_of(matrix: Floats, lam: float, amplifier: str) -> Floats:
-    return optimum(matrix, EPS, lam, amplifier) * U0
-
-
 def rounded(circuit: Circuit, amplifier: str) -> tuple[Floats, float]:
     """T and lambda of the resistors of a board, from the formulas of the guide."""
     ohms = {part.name: part.ohms for part in circuit.resistors}
@@ -89,8 +85,9 @@ def test_the_parts_add_up_and_each_is_right(
     parts = {part.name: np.array(part.channels) for part in verdict.budget}
     start = ["regularisation", "strain_noise"] if known else ["ill_posedness"]
     assert list(parts) == [*start, "resistors", "opamps", "unsettled", "simulator"]
-    best = best_of(T, LAM, amplifier)
-    built = best_of(*rounded(verdict.circuit, amplifier), amplifier)
+    best = optimum(T, EPS, LAM, amplifier) * U0
+    realised, lam = rounded(verdict.circuit, amplifier)
+    built = optimum(realised, EPS, lam, amplifier) * U0
     whole = verdict.u[-1] - (STRESS * U0 if known else best)
     assert verdict.budget.total.channels == pytest.approx(whole.tolist(), abs=1e-9)
     assert np.all(np.abs(np.array(verdict.budget.summed) - whole) <= 0.01 * np.abs(whole))
