@@ -48,11 +48,6 @@ def scene() -> Scene:
     return load_scene(FILE)
 
 
-def values_of(plan: Plan, path: str) -> list[float]:
-    (axis,) = (axis for axis in plan.axes if axis.key.path == path)
-    return sorted(set(map(float, axis.values)))
-
-
 def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass") -> Record:
     checks = (
         Check("settling_time", Outcome(outcome), settling, None, 1e-3),
@@ -65,7 +60,8 @@ def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass")
 
 def test_the_grid_has_values_that_can_be_bought_and_op_amps_that_work_at_the_supply() -> None:
     plan = choice_plan(scene(), ["tl084"], points=9)
-    farads, ohms = (values_of(plan, path) for path in (CAPACITANCE, GAIN))
+    values = {axis.key.path: sorted(set(map(float, axis.values))) for axis in plan.axes[-2:]}
+    farads, ohms = values[CAPACITANCE], values[GAIN]
     assert (plan.points, len(farads), len(ohms)) == (81, 9, 9)
     assert (farads[0], farads[-1]) == (1e-12, 1e-10)
     assert all(float(f"{v:.2e}") == v for v in (*farads, *ohms))

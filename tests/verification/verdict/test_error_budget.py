@@ -221,10 +221,20 @@ def test_the_change_is_measured_beside_its_bound() -> None:
     assert (record["value"], record["bound"]) == (part.value, part.bound)
 
 
-@pytest.mark.parametrize("amplifier", ["exponential", "softplus"])
-def test_other_amplifiers_have_a_bound_too(amplifier: str) -> None:
-    parts = {part.name: part for part in taction.verify(scene(PRUNE, amplifier)).budget}
-    found = parts["pruning"]
+# The last row of T has no entry that stays.
+WITHOUT_A_ROW = taction.Scene.from_arrays(
+    [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]], [1.0, 2.0, 0.1],
+    gain="1Mohm", unit_conductance="10uS", lam=0.5, prune=0.01, engine="statespace",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("asked", "entries"),
+    [(scene(PRUNE, "exponential"), 2), (scene(PRUNE, "softplus"), 2), (WITHOUT_A_ROW, 4)],
+)
+def test_other_boards_have_a_bound_too(asked: Scene, entries: int) -> None:
+    (found,) = (part for part in taction.verify(asked).budget if part.name == "pruning")
+    assert found.how.startswith(f"answer without {entries} entries of T")
     assert 0.0 < found.value <= found.bound < found.value * (1.0 + 1e-6)
 
 

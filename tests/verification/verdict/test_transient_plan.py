@@ -192,11 +192,6 @@ def test_steps_follow_a_board_to_a_rest_where_all_amplifiers_saturate(force: flo
     assert found["engines_agree"].outcome is Outcome.PASS
 
 
-def breadboard_circuit(C: float, gain: float, **design: str) -> Circuit:
-    values = {"design.capacitance": C, "design.gain": gain, **design}
-    return synthesise(with_values(load_scene(SCENES / "paper-breadboard.toml"), values))
-
-
 def model_of(circuit: Circuit) -> tuple[StepModel, float]:
     board = LinearBoard(circuit)
     stop = time_scales(board).stop_for(1e-5)
@@ -234,7 +229,8 @@ def test_ngspice_does_what_the_forecast_says(
     ngspice: str, C: float, gain: float, design: dict[str, str], error: float
 ) -> None:
     """Damped and ringing boards over three decades of C and two of the gain."""
-    circuit = breadboard_circuit(C, gain, **design)
+    values = {"design.capacitance": C, "design.gain": gain, **design}
+    circuit = synthesise(with_values(breadboard(), values))
     model, _ = model_of(circuit)
     assert not design or np.abs(model.rest).max() > model.charge
     transient, expected, bound = model.cheapest(0.8 * error)
