@@ -138,12 +138,9 @@ def test_an_entry_is_off_by_its_distance_over_absolute_plus_relative() -> None:
     assert not any(d.beyond for d in found)
     assert {d.group for d in found} == {"checks", "states", "channels", "figures"}
     assert max(d.off for d in found) == 0.0
-    found = against(
-        {"channels": [channel(final=1.01, overshoot=0.26)]},
-        {"levels": {"relative": 0.01, "absolute": 0.001}},
-        channels=[channel(final=1.0, overshoot=0.25)],
-        step_amplitude=2.0,
-    )
+    now, then = channel(final=1.01, overshoot=0.26), channel(final=1.0, overshoot=0.25)
+    allowed = {"levels": {"relative": 0.01, "absolute": 0.001}}
+    found = against({"channels": [now]}, allowed, channels=[then], step_amplitude=2.0)
     final, overshoot = find(found, "final"), find(found, "overshoot")
     assert final.allowed == pytest.approx(0.001 * 2.0 + 0.01)  # of the step, V
     assert final.off == pytest.approx(0.01 / 0.012)
@@ -183,13 +180,9 @@ def settling(values: list[float | None]) -> dict[str, Any]:
 
 
 def test_of_a_board_that_became_unstable_only_poles_states_and_checks_are_compared() -> None:
-    grown = {
-        "growth_rate": 1e4,
-        "frequency": 0.0,
-        "settling_time": None,
-        "channels": [{"index": 1, "state": "oscillating", "reference": 1.0}],
-    }
-    found = against(grown)
+    rings = {"index": 1, "state": "oscillating", "reference": 1.0}
+    grown = {"growth_rate": 1e4, "frequency": 0.0, "settling_time": None}
+    found = against(grown | {"channels": [rings]})
     assert {d.group for d in found if d.beyond} == {"states", "figures"}
     assert {d.group for d in found} == {"checks", "states", "figures"}
 
@@ -255,7 +248,8 @@ def test_a_scene_is_told_from_what_it_was(
         assert found.worst < 1e-5
         assert found.notes == ()
     if status is Status.CHANGED:
-        assert found.notes[0].endswith("was edited since the baseline")
+        edited = "edited since the baseline: design.capacitance was 10pF, now 10.5pF"
+        assert found.notes[0] == edited
         assert {"figures", "channels"} <= {d.group for d in found.changes}
         off = [d.off for d in found.changes]
         assert off == sorted(off, reverse=True)

@@ -70,20 +70,19 @@ def kept() -> Iterator[Store]:
         yield store
 
 
-@pytest.mark.parametrize(
-    ("seed", "tables"),
-    [(2, {}), (1, {"checks": {"steady_state": {"tolerance": 0.1}}}), (1, {"name": "another"})],
-)
-def test_samples_of_another_scene_are_new(kept: Store, seed: int, tables: dict[str, Any]) -> None:
-    assert found(kept, prepare(small_scene(**tables)), seed) == [None] * 3
+LOOSER = {"checks": {"steady_state": {"tolerance": 0.1}}}
 
 
-@pytest.mark.parametrize(("name", "value"), [("own_code", b"other"), ("simulator_name", "other")])
-def test_samples_of_another_taction_or_ngspice_are_not_found(
-    kept: Store, monkeypatch: pytest.MonkeyPatch, name: str, value: bytes | str
+@pytest.mark.parametrize(("seed", "tables", "changed"), [
+    (2, {}, {}), (1, LOOSER, {}), (1, {"name": "another"}, {}), (1, {}, {"own_code": b"other"}),
+    (1, {}, {"simulator_name": "other"}),
+])  # fmt: skip
+def test_samples_of_another_scene_or_program_are_new(
+    kept: Store, seed: int, tables: Any, changed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(versions, name, lambda *engine: value)
-    assert found(kept) == [None] * 3
+    for name, value in changed.items():
+        monkeypatch.setattr(versions, name, lambda *engine, value=value: value)
+    assert found(kept, prepare(small_scene(**tables)), seed) == [None] * 3
 
 
 def nothing_is_missing(board: object, missing: Iterator[object], workers: object) -> list[object]:
@@ -164,6 +163,19 @@ def test_no_corner_is_worse_than_the_worst_and_each_says_what_moves_it() -> None
     slowest = next(corner for corner in found if corner.quantity == "growth_rate")
     assert set(slowest.deviations.values()) <= {-1.0, 1.0}
     assert {"+Cc_1", "+Cc_2"} <= set(slowest.largest)
+
+
+class Bent(VariedBoard):
+    """A board whose overshoot is not worst where its nominal slopes lead to."""
+
+    def measured(self, number: int, z: Floats) -> BoardSample:
+        return make_sample(number, overshoot=2.0 + z[0] + 2.0 * z[1] - 1.5 * z[0] * z[1])
+
+
+def test_where_the_first_order_misses_the_slopes_at_the_corner_lead_on() -> None:
+    study = prepare(small_scene(tolerances=FEW, checks=CHECKS))
+    found = worst_of(Bent(**vars(study) | {"step_amplitude": math.nan}), HERE).corners
+    assert worst(found, "overshoot") == 4.5
 
 
 def test_a_margin_that_is_checked_has_its_corner() -> None:
@@ -291,12 +303,19 @@ def test_the_yield_counts_what_the_checks_say() -> None:
     errors = sorted(value for value in values if value is not None)
     within = sum(value <= 0.03 for value in errors)
     assert 0 < within < 40
-    assert (found.samples, found.passed) == (40, within)
-    assert found.failures == {"steady_state": 40 - within}
+    failures = {"steady_state": 40 - within}
+    assert (found.samples, found.passed, found.failures) == (40, within, failures)
     assert (found.low, found.high) == interval(within, 40)
     spread = next(each for each in found.quantities if each.name == "steady_state")
-    assert spread.at_most == 0.03
-    assert [spread.low, spread.median, spread.high] == [errors[n] for n in (1, 19, 37)]
+    low, median, high = (errors[k] for k in (1, 19, 37))
+    assert (spread.at_most, spread.low, spread.median, spread.high) == (0.03, low, median, high)
+    z = np.array([draw(asked.tolerances, asked.varied, 5, n) for n in range(40)])
+    signed = [sample.errors[(spread.channel or 0) - 1] for sample in samples]
+    expected = np.corrcoef([*z.T, signed])[-1, :-1]
+    assert 0 < len(spread.parts) == (np.abs(expected) > 4.0 / math.sqrt(40.0)).sum()
+    places = {part.name: n for n, part in enumerate(asked.varied)}
+    for name, size in spread.parts.items():
+        assert size == pytest.approx(expected[places[name]], rel=1e-9)
 
 
 def test_samples_without_verdict_count_as_not_passed() -> None:
