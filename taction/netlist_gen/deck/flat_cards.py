@@ -35,6 +35,7 @@ OHMIC = {
 """Parameters of a model that are resistances in series with its terminals, by terminal."""
 SHEET = (("rsh",), (), ("rsh",))  # of a MOS transistor of another level than `LEVELS`
 LEVELS = (None, "1", "2", "3")
+BSIM4 = ("14", "54")  # which has a sheet only where nrd or nrs are given
 STRIPPED = "__inner"  # ends the name of a model without them
 LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
 _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
@@ -188,7 +189,8 @@ def _device(card: str, models: Models) -> Element:
                 continue
             ohms = number(values.get(keys[0], "0")) / (area * many)
             if kind == "m":
-                squares = number(given.get("nrd" if k == 0 else "nrs", "1"))
+                usual = "0" if values.get("level") in BSIM4 else "1"
+                squares = number(given.get("nrd" if k == 0 else "nrs", usual))
                 sheet = number(values.get("rsh", "0")) * squares
                 own = keys[0] in values and keys[0] != "rsh"
                 ohms = (number(values[keys[0]]) if own else sheet) / many
