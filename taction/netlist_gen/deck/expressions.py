@@ -185,6 +185,7 @@ def affine(text: str) -> dict[Probe, float]:
 
 
 _POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\(? ?(\d+)\b ?\)? ?(.*)")
+_POLY_OF_B = re.compile(r"b(\S+) (\S+) (\S+) ([vi]) ?= ?\{ ?poly ?\( ?(\d+) ?\) ?(.*)\}")  # Xyce's
 _TABLE = re.compile(
     r"([egi])(\S+) (\S+) (\S+) (?:([^\s{}]+ [^\s{}]+) )?(?:table|tbl) ?(?:\{([^{}]*)\})? ?=? ?(.*)"
 )
@@ -195,6 +196,15 @@ _PLAIN = re.compile(r"-?[0-9.]+(?:e[+-]?[0-9]+)?")
 
 def as_expression(text: str) -> str:
     """Return a card with ``POLY`` or a table as a B card; any other card as it is."""
+    if match := _POLY_OF_B.fullmatch(text):
+        name, a, b, kind, many, rest = match.groups()
+        kinds = {probe[1] for probe in _PROBE.finditer(rest)}
+        named = _PROBE.sub(
+            lambda probe: f"{probe[2]} {(probe[3] or '0') * (probe[1] == 'v')}", rest
+        )
+        if len(kinds) != 1:
+            raise ValueError("POLY needs its inputs: voltages v(a,b), or currents i(source)")
+        return f"b{name} {a} {b} {kind}={polynomial('v' in kinds, many, named)}"
     if match := _POLY.fullmatch(text):
         letter, name, a, b, many, rest = match.groups()
         made = polynomial(letter in "eg", many, rest)
