@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
     ACCEPTED,
@@ -199,7 +199,8 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
                 text = f"the deck has no such node; it has {', '.join(list(nodes)[:20])}"
                 raise InputError("--output", Complaint("node", repr(name), text))
         return tuple(dict.fromkeys(names))
-    held = {n for part in flat.parts if part.letter == "V" for n in part.nodes}
+    every = (part.nodes for part in flat.parts if part.letter == "V")
+    held = {n for nodes in every if GROUND in nodes for n in nodes}  # others may read currents
     seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]
     known = tuple(dict.fromkeys(n for n in seen if n in nodes and n not in held))
     if known:
