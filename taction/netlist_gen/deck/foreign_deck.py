@@ -72,6 +72,8 @@ _FILE = re.compile(
 _SPACED = re.compile(r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I)
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
 _STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
+_SAME_NODE = re.compile(r"(?<![\w$])(?:\$n_|n__)(?=\w)")
+SAME_NODE = "$N_ of PSpice is read as N__, and here are nodes of both names; expected one of them"
 _QUOTED = re.compile(r"'([^']*)'")
 STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
 ASKED = (
@@ -246,6 +248,7 @@ class _DeckReading:
     remarks: list[str] = field(default_factory=list)
     open: list[tuple[Path, str]] = field(default_factory=list)  # files and sections, being read
     known: set[tuple[Path, str]] = field(default_factory=set)  # files and sections that were read
+    written: set[str] = field(default_factory=set)  # how nodes begin that are read as n__
     depth: int = 0  # of subcircuits
     files: int = -1  # that are included
     lines: int = 0  # of all files
@@ -255,6 +258,9 @@ class _DeckReading:
         """Read the deck, or the file or the section of a library that a card names."""
         real, text = _real(path), self._text(path)
         text = _section(path, text, section) if section else text
+        self.written |= set(_SAME_NODE.findall(text.lower()))
+        if len(self.written) > 1:
+            raise Card(1, "", path).refused(SAME_NODE)
         cards, remarks = logical_lines(text, path, title=caller is None)
         self.lines += text.count("\n") + 1
         self.files += 1
@@ -291,7 +297,8 @@ class _DeckReading:
             (left if card.word in LEFT else cards).append(card)
         check_functions(cards)
         made, said = ngspice_cards(cards)
-        return ForeignDeck(self.deck, tuple(made), tuple(left), (*self.remarks, *said))
+        said = [*dict.fromkeys((*self.remarks, *said))]
+        return ForeignDeck(self.deck, tuple(made), tuple(left), tuple(said))
 
     def _text(self, path: Path) -> str:
         """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""

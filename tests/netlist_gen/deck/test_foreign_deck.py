@@ -106,6 +106,9 @@ def test_decks_of_pspice_schematics_are_read(folder: Path, ngspice: str) -> None
     found = check(place, outputs="n__0002")
     assert [pole.real for pole in found.poles.poles] == pytest.approx([-1e6], rel=1e-9)
     assert any("nom.lib: a library of LTspice or PSpice" in note for note in found.notes)
+    written(folder, parts.replace("0 $N_0002", "0 N__0002"), "a.net")
+    with pytest.raises(InputError, match="nodes of both names"):
+        read_board(place)
 
 
 def test_subcircuits_may_follow_the_end_and_parts_may_not(folder: Path, ngspice: str) -> None:
