@@ -44,6 +44,8 @@ MOST_NODES = 600  # of a deck: above it the engine needs the structure of a topo
 MOST_PARTS = 3000  # R C L K E F G H that are not measured
 TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
+AT_REST = ("save all", "op", f"write {RESULT}")
+LONGER = "optran 0 0 0 10n 10u 0"  # its steps and its length, s
 TRIED = (
     TIGHT,
     "reltol=1e-6 abstol=1e-13 vntol=1e-10",
@@ -136,8 +138,11 @@ def find_point(
         if len(each) > most:
             raise CardError(f"the deck has {len(each)} {what}; up to {most} are read")
     if flat.elements or volts:
-        first = run_commands(given, ["save all", "op", f"write {RESULT}"], simulator, mode=mode)
-        if not (found := read_volts(first)):
+        for way in ((), (LONGER,)):
+            first = run_commands(given, [*way, *AT_REST], simulator, mode=mode)
+            if found := read_volts(first):
+                break
+        else:
             raise CardError(f"ngspice finds no operating point: {first.complaint}")
     words = {word for card in cards for word in card.split()}
     nodes = [name for name in found if name in words] if flat.elements else [*flat.nodes]
@@ -194,6 +199,7 @@ ROUNDED = 1e-12  # of the largest admittance: less is rounding
 SMALL = 1e-9  # of the largest capacitance of an element: a difference below is rounding
 SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
 LEAST_OHMS = 1e-6
+RESISTIVE = "; with rgatemod=0 and rbodymod=0 in its .model a BSIM4 has no inner resistances"
 Reads = list[tuple[str, float]]  # vectors of a copy, with their signs
 Control = tuple[str, ...]
 
@@ -207,7 +213,7 @@ def linear_flat(point: DeckPoint) -> Flat:
     if not flat.elements:
         return flat
     bench = [_Measured(f"b{k}", each, point.volts) for k, each in enumerate(flat.elements)]
-    commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
+    commands = [*AT_REST, "set appendwrite"]
     for hertz in FREQUENCIES:
         commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
     cards = [card for each in bench for card in each.cards]
@@ -220,11 +226,14 @@ def linear_flat(point: DeckPoint) -> Flat:
     for each in bench:
         text = each.fit(tables, flat.models)
         wrong += [f"{shown(each.element.name)}: {text}"] if text else []
+        charges, others = list[Branch](), list[Branch]()  # all or none of the former: a sum of 0
         for part in each.parts():
-            left = part.letter in "CY" and abs(part.value) < ABSENT
-            (absent if left else parts).append(part)
+            (charges if part.letter in "CY" else others).append(part)
+        parts += others
+        (parts if any(abs(part.value) >= ABSENT for part in charges) else absent).extend(charges)
     if wrong:
-        raise CardError(first_ones(wrong, mark="; "))
+        inner = any("rgatemod" in card or "rbodymod" in card for _, card in flat.models.values())
+        raise CardError(first_ones(wrong, mark="; ") + RESISTIVE * inner)
     return replace(flat, parts=parts, absent=absent)
 
 
