@@ -10,7 +10,7 @@ the loci missed. Then, and without loci, poles at samples of the number find the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -24,7 +24,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.spice_models.branches import Branch
-from taction.system.array_types import Floats
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -40,6 +40,8 @@ BESIDE = (1e-6, 1e-3)  # relative distances of what confirms an edge: the first 
 SCANNED = (1e-9, 1e-6)  # relative distances of samples of a scan from an edge that the loci show
 WIDE = 30.0  # largest ratio of neighbouring samples that confirm edges
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
+MOVED = 1e-5  # relative change of a value for a sensitivity
+LOST = 1e-9  # of the pole: a smaller rate is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,3 +287,44 @@ def all_but_a_knob(circuit: Circuit, knob: Knob) -> tuple[Hashable, Floats]:
         circuit.supply,
     )
     return rest, np.concatenate([numbers, *arrays])
+
+
+def sensitivities(
+    board: LinearBoard, found: Poles, families: Mapping[str, Family]
+) -> dict[str, complex]:
+    """Return ``dp / d ln value`` of the rightmost pole p, 1/s, for every knob of parts.
+
+    With ``(p M - K) v = 0`` and ``w (p M - K) = 0`` the pole moves by
+    ``w (dK - p dM) v / (w M v)``, where the matrices are not linear in the value by a central
+    difference. A rate that is lost in rounding beside the pole is zero.
+    """
+    if not len(found.poles) or board.descriptor.is_large:
+        return {}
+    p, point = found.rightmost, board.operating_point
+    right, left = pole_vectors(board, p)
+    scale = left @ board.matrices.mass @ right
+    if not abs(scale) > 0.0:
+        return {}
+    rates = {}
+    for name, family in families.items():
+        if family.ports is not None and not board.circuit.knob(name).moves:
+            rates[name] = complex(family.power * family.ports.rate(left, right, p) / scale)
+            continue
+        both = []
+        for factor in (1.0 + MOVED, 1.0 - MOVED):
+            moved = board.circuit.turned(name, board.circuit.value(name) * factor)
+            there = LinearBoard(moved, point=point).matrices
+            both.append(left @ (there.stiffness - p * there.mass) @ right)
+        rates[name] = complex((both[0] - both[1]) / (2.0 * MOVED * scale))
+    return {name: rate if abs(rate) > LOST * abs(p) else 0j for name, rate in rates.items()}
+
+
+def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
+    """Return the right and the left null vector of ``p M - K``: of its least singular value."""
+    X = p * board.matrices.mass - board.matrices.stiffness
+    rows = np.abs(X).max(axis=1, keepdims=True)
+    rows[rows == 0.0] = 1.0
+    columns = np.abs(X / rows).max(axis=0)
+    columns[columns == 0.0] = 1.0
+    U, _, V = np.linalg.svd(X / rows / columns)
+    return V[-1].conj() / columns, U[:, -1].conj() / rows[:, 0]

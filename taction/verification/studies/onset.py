@@ -39,9 +39,8 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.stability.edges import Edge, Sample, Scan
-from taction.verification.stability.families import Family, unrounded
+from taction.verification.stability.families import Family, pole_vectors, unrounded
 from taction.verification.stability.poles import poles
-from taction.verification.studies.decks.measured_board import pole_vectors
 from taction.verification.verdict.transient_plan import truncation_for
 
 NOT_ASKED = "transients were not requested"

@@ -15,9 +15,8 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.state_space import finite_poles
-from taction.verification.stability.families import Family, find_edges
+from taction.verification.stability.families import Family, find_edges, sensitivities
 from taction.verification.stability.poles import Poles, poles
-from taction.verification.studies.decks.measured_board import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles
 from tests.support.random_circuits import random_cards
 

@@ -25,13 +25,10 @@ from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.stability.families import pole_vectors
 from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import (
-    MeasuredBoard,
-    measure_board,
-    pole_vectors,
-)
+from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.running.study import HERE
@@ -179,6 +176,7 @@ STARTS = 12  # along the growing mode, then drawn
 # of the range of all voltages
 REACHES = [sign * size for size in (0.05, 0.15, 0.4, 1.0, 10.0) for sign in (1.0, -1.0)]
 WIDER = 2.0  # times the range of all voltages on either side: drawn ones
+UNBIASED = 1e-6  # V: a range below is rounding, and counts as 1 V
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
 TINY = 1e-30  # V: of no step at all
@@ -196,7 +194,8 @@ def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
     unstable = bool(np.any(growing))
     nodes = [name for name in found.board.descriptor.names if name in point.volts]
     here = np.array([point.volts[name] for name in nodes])
-    span, low, high = float(np.ptp(here, axis=0)) or 1.0, here.min(), here.max()
+    low, high = here.min(), here.max()
+    span = float(high - low) if high - low > UNBIASED else 1.0
     starts = (low + high - here)[None]
     if unstable:
         low, high = low - WIDER * span, high + WIDER * span

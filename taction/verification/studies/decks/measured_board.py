@@ -7,7 +7,7 @@ does to the stability are the sensitivity of the rightmost pole, and margins bot
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Literal
@@ -16,7 +16,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import LOWEST
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN, Hertz, Number, Rate
 from taction.system.errors import EngineError
 from taction.system.quantities import show
@@ -30,7 +30,7 @@ from taction.verification.readings.measurements import Measurements, channel_mea
 from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
 from taction.verification.stability.edges import Edge
-from taction.verification.stability.families import Family, find_edges
+from taction.verification.stability.families import Family, find_edges, sensitivities
 from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.shown_poles import BAND, PolesApart, latching, told_apart
@@ -42,16 +42,15 @@ DRAWN = 1000  # instants of a drawn response, early and late
 EARLIEST = 1e-4  # of a drawn response: its first instant after 0
 NO_RISE = "the output returns to where it was: it has no step"
 UNSTABLE = "the board is not stable"
+LOST_END = "rounding hides how its transient ends"
 FAR = "the model itself grows beyond the band of 10 GHz"
 OSCILLATOR = "for an oscillator: --check oscillates"
 LATCH = "positive feedback makes it latch, as exchanged inputs of an op-amp do"
 Start = Literal["zero", "rest"]
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
-MOST_UNKNOWNS = 150  # of a board with margins unless one is checked
+MOST_WORK = 3e6  # these parts times the cube of the unknowns, likewise
 MORE = 1.001  # of the largest factor: an edge at it is found with certainty
-MOVED = 1e-5  # relative change of a value for a sensitivity
 UNKNOWN = "not looked for"
-LOST = 1e-9  # of the pole: a smaller rate is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +134,8 @@ class MeasuredBoard:
         """What each part does to the stability, the most important first.
 
         Unless `every` part is to be looked at, the edges of a stable board are those of the
-        `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
-        `MOST_UNKNOWNS` those of none.
+        `MOST_MARGINS` parts that move the rightmost pole most, and of a large board those of fewer
+        (`MOST_WORK`).
         """
         board, found, c, every = self.board, self.poles, self.circuit, self.every
         knobs = [knob for knob in c.knobs if knob.role]
@@ -144,8 +143,9 @@ class MeasuredBoard:
         rates = sensitivities(board, found, families)
         order = sorted(rates, key=lambda name: -abs(rates[name].real))
         most = len(order) if every or found.known_unstable else MOST_MARGINS
-        large = not every and board.descriptor.size > MOST_UNKNOWNS
-        if large or found.stable is None or board.state_space.lost:
+        if not every:
+            most = min(most, int(MOST_WORK / board.descriptor.size**3))
+        if found.stable is None or board.state_space.lost:
             most = 0
         rows = list[PartRow]()
         for k, name in enumerate(order):
@@ -217,9 +217,12 @@ def measure_board(
     if found.known_stable and (doubt := latching(board.circuit)):
         found = replace(found, doubt=doubt)
     step, before = step_response(board, initial, band), ends(board, initial)[0]
-    rests = found.known_stable and not apart.beyond
-    measured = step.measured() if rests else _without_rest(step, found)
-    if rests and not np.array_equal(np.asarray(step.start), before):  # they only settle
+    why = UNSTABLE if not found.known_stable else FAR if apart.beyond else ""
+    try:
+        measured = _without_rest(step, found, why) if why else step.measured()
+    except EngineError:
+        why, measured = LOST_END, _without_rest(step, found, LOST_END)
+    if not why and not np.array_equal(np.asarray(step.start), before):  # they only settle
         channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
         measured = replace(measured, channels=tuple(channels))
         measured = _without(measured, ("rise_time", "overshoot", "undershoot"))
@@ -242,11 +245,10 @@ def step_response(board: LinearBoard, initial: Start, band: float) -> ExactRespo
     return ExactResponse(board, rest, start, initial, band, error)
 
 
-def _without_rest(response: ExactResponse, found: Poles) -> Measurements:
+def _without_rest(response: ExactResponse, found: Poles, why: str) -> Measurements:
     """Return the measurements of a board that does not come to rest."""
     step, nothing = response.step, unread(len(response.target))
     state = ChannelState.OSCILLATING if found.known_unstable else ChannelState.UNDECIDED
-    why = FAR if found.known_stable else UNSTABLE
     still = Settlement(state, None, why)
     channels = [
         channel_measure(n, end, step, nothing, still, (), why)
@@ -287,47 +289,6 @@ def ends(board: LinearBoard, initial: Start) -> tuple[Floats, Floats, float]:
 
 def _signs(board: LinearBoard) -> Floats:
     return np.array([out.sign for out in board.circuit.outputs])
-
-
-def sensitivities(
-    board: LinearBoard, found: Poles, families: Mapping[str, Family]
-) -> dict[str, complex]:
-    """Return ``dp / d ln value`` of the rightmost pole p, 1/s, for every knob of parts.
-
-    With ``(p M - K) v = 0`` and ``w (p M - K) = 0`` the pole moves by
-    ``w (dK - p dM) v / (w M v)``, where the matrices are not linear in the value by a central
-    difference. A rate that is lost in rounding beside the pole is zero.
-    """
-    if not len(found.poles) or board.descriptor.is_large:
-        return {}
-    p, point = found.rightmost, board.operating_point
-    right, left = pole_vectors(board, p)
-    scale = left @ board.matrices.mass @ right
-    if not abs(scale) > 0.0:
-        return {}
-    rates = {}
-    for name, family in families.items():
-        if family.ports is not None and not board.circuit.knob(name).moves:
-            rates[name] = complex(family.power * family.ports.rate(left, right, p) / scale)
-            continue
-        both = []
-        for factor in (1.0 + MOVED, 1.0 - MOVED):
-            moved = board.circuit.turned(name, board.circuit.value(name) * factor)
-            there = LinearBoard(moved, point=point).matrices
-            both.append(left @ (there.stiffness - p * there.mass) @ right)
-        rates[name] = complex((both[0] - both[1]) / (2.0 * MOVED * scale))
-    return {name: rate if abs(rate) > LOST * abs(p) else 0j for name, rate in rates.items()}
-
-
-def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
-    """Return the right and the left null vector of ``p M - K``: of its least singular value."""
-    X = p * board.matrices.mass - board.matrices.stiffness
-    rows = np.abs(X).max(axis=1, keepdims=True)
-    rows[rows == 0.0] = 1.0
-    columns = np.abs(X / rows).max(axis=0)
-    columns[columns == 0.0] = 1.0
-    U, _, V = np.linalg.svd(X / rows / columns)
-    return V[-1].conj() / columns, U[:, -1].conj() / rows[:, 0]
 
 
 def beside(own: float, edges: Iterable[Edge]) -> tuple[Number, Number]:
