@@ -182,7 +182,7 @@ USERS = {
             "taction check ldo.cir --no-ngspice",
             (
                 r"Not stable: oscillates at 559\.4 kHz, growing with 364 k/s",
-                r"Nearest stable value: Cout above 2\.773 uF \(now 1 uF, factor 2\.77\)",
+                r"Nearest stable value: Cout above 2\.773 uF \(now 1 uF, factor 2\.773\)",
             ),
             1,
         ),

@@ -88,6 +88,7 @@ def told_apart(board: LinearBoard, found: Poles) -> tuple[Poles, PolesApart]:
     if not found.complete or not len(found.poles):
         return found, PolesApart()
     p, errors = found.poles, found.errors
+    known = np.where(np.abs(p.imag) > errors, p, p.real)  # without frequencies that are rounding
     descriptor, modes = board.descriptor, board.state_space.modes
     every = descriptor.names[: descriptor.node_count]
     volts = np.abs(board.state_space.rows(every)[0] @ modes.right)  # of each mode at each node
@@ -104,7 +105,7 @@ def told_apart(board: LinearBoard, found: Poles) -> tuple[Poles, PolesApart]:
     unseen = modes.alone & (volts[outputs].max(axis=0) <= HIDDEN * volts.max(axis=0))
     hidden = decays & unseen
     first = np.flatnonzero(grows & ~far)
-    kept = ~(hidden | far)
+    p, kept = np.where(decays | far, known, p), ~(hidden | far)
     shown = replace(found, poles=p[kept], errors=errors[kept])
     decisive = bool(len(first) and unseen[first[0]])
     return shown, PolesApart(p[hidden], errors[hidden], decisive, p[far], lost)

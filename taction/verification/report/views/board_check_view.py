@@ -28,7 +28,7 @@ from taction.verification.studies.decks.board_check import BoardCheck, OutputRow
 from taction.verification.studies.decks.board_sweep import PointRow, Sweep
 from taction.verification.studies.decks.measured_board import PartRow
 from taction.verification.studies.decks.questions import QUESTIONS, Question
-from taction.verification.verdict.checks import Check, overall
+from taction.verification.verdict.checks import Check, Outcome, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
 LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
@@ -140,7 +140,7 @@ def _nearest_stable(found: BoardCheck) -> str:
         return text if known else ""
     factor, name, end, part = min(ends, key=lambda each: each[0])
     values = [figure(each, part.unit or "ratio", 4) for each in (end, part.value)]
-    return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.3g})."
+    return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.4g})."
 
 
 def _outputs(found: BoardCheck) -> Iterator[Content]:
@@ -275,9 +275,11 @@ def _response(found: BoardCheck) -> Chart | None:
 
 
 def _witness(found: BoardCheck) -> str:
-    known = next((each.value for each in found.checks if each.name == "ac_agrees"), None)
-    if known is None:
+    check = next((each for each in found.checks if each.name == "ac_agrees"), None)
+    if check is None or check.value is None:
         return "one witness: the state-space engine"
-    off = f"differs by at most {known:.1e} at any node, beyond rounding"
-    text = "agrees at every node within rounding" if known == 0.0 else off
+    off = f"differs by at most {check.value:.1e} at any node, beyond rounding"
+    text = "agrees at every node within rounding" if check.value == 0.0 else off
+    if check.outcome is Outcome.INCONCLUSIVE:
+        text = "does not decide: rounding may hide a difference at an output"
     return f"ngspice's small signal (.ac) {text}"
