@@ -104,6 +104,10 @@ REFUSED = (
         "{}= names a file or a program, which no card may; expected values",
     ),
     (
+        re.compile(r"^[eg]\S* \S+ \S+ (chebyshev)\b"),
+        "{} of PSpice is not read; expected E or G with LAPLACE {{V(a,b)}} {{F(s)}}",
+    ),
+    (
         re.compile(r"\b(pwl) ?\(? ?file\b"),
         "{} from a file is not read; expected its pairs of time and value",
     ),
