@@ -135,7 +135,7 @@ def test_other_expressions_are_refused(text: str, says: str) -> None:
 
 def test_a_polynomial_of_the_second_degree_is_its_slope(read: Read) -> None:
     """Of v^2 at 1 V: 2 V a volt."""
-    assert "v(a,0)*v(a,0)" in as_expression("e1 s 0 poly(1) a 0 0 0 1")
+    assert "v(a,0)*v(a,0)" in as_expression("b1 s 0 v={poly(1) v(a) 0 0 1}")
     assert as_expression("e1 s 0 poly 1 a 0 0 2") == "be1 s 0 v=2.0*v(a,0)"  # as vendors write, too
     board = read("V1 in 0 1\nE1 out 0 POLY(1) in 0 0 0 1\nR1 out 0 1k")
     (gain,) = [part.value for part in board.circuit.branches if "#g" in part.card]

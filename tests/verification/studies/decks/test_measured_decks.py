@@ -139,18 +139,19 @@ Re e 0 100
     assert found.outputs[0].figures["settling_time"] is not None
 
 
-# BSIM, levels 8 and 14, knows no rd and rs.
+# BSIM, levels 8 and 14, knows no rd and rs, and BSIM4, level 14, no sheet without its squares.
+OHMIC = ("rsh=10", "nrd=2 nrs=3"), ("rd=5 rs=5", "nrd=2"), ("rsh=10", "")
 MOS = """.model nm nmos(level={} {})
 Vdd vdd 0 1.8
 Vin in 0 dc 0.8 ac 1
-M1 d in 0 0 nm w=20u l=0.5u nrd=2 nrs=3
+M1 d in 0 0 nm w=20u l=0.5u {}
 Rd vdd d 1k
 Cl d 0 1p"""
 
 
 def test_a_device_without_a_finite_small_signal_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no finite small signal"):
-        checked(tmp_path, MOS.format(4, "rsh=10"), outputs="d")
+        checked(tmp_path, MOS.format(4, "rsh=10", "nrd=2 nrs=3"), outputs="d")
 
 
 # An op-amp of the Boyle kind: gains of 2e9 leave 1e-6 of a current to ngspice's rounding.
@@ -223,7 +224,7 @@ C2 y 0 1p
 .print v(a)"""
 RESPONDING = {
     **dict.fromkeys((PAIR, FIELD, EMITTER, LEAKING, WEAK, FOLLOWER), ()),
-    **{MOS.format(n, ohms): "d" for n in (2, 8, 14) for ohms in ("rsh=10", "rd=5 rs=5")},
+    **{MOS.format(n, *ohms): "d" for n in (2, 8, 14) for ohms in OHMIC},
     LOOP: "5",
 }
 
