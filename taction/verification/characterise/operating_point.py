@@ -55,6 +55,7 @@ TRIED = (
     f"{TIGHT} klu pivrel=0.9",
 )
 """Tolerances of ngspice in the order in which they are tried; in the end with its other solver."""
+UNBIASED = 1e-6  # V: a range below is rounding
 ELSEWHERE = 0.1  # of the range of all voltages: a point farther away is another one
 OWN = "a transient"  # limits of a point that ngspice finds in no other way
 TRIED_SECONDS = 4.0  # of one start
@@ -164,7 +165,7 @@ def _tight(point: DeckPoint) -> DeckPoint:
         for key in ("gx", "cbx")
     ]
     shared, first = tuple(point.probed), {node: point.volts[node] for node in point.weights}
-    span = float(np.ptp([0.0, *first.values()]))
+    span = max(float(np.ptp([0.0, *first.values()])), UNBIASED)
     for limits, near in itertools.product(TRIED, (True, False)):
         for _ in range(1 + near):  # again: ngspice's last step, which junctions lack, is nearly 0
             starts = point.starts if near else ()

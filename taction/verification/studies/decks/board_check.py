@@ -23,7 +23,7 @@ from taction.system.documents import Hertz, Number, Rate, Volts, taken
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
+from taction.verification.characterise.operating_point import AT_ONCE, UNBIASED, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.families import pole_vectors
 from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
@@ -176,7 +176,6 @@ STARTS = 12  # along the growing mode, then drawn
 # of the range of all voltages
 REACHES = [sign * size for size in (0.05, 0.15, 0.4, 1.0, 10.0) for sign in (1.0, -1.0)]
 WIDER = 2.0  # times the range of all voltages on either side: drawn ones
-UNBIASED = 1e-6  # V: a range below is rounding, and counts as 1 V
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
 TINY = 1e-30  # V: of no step at all
