@@ -17,6 +17,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -139,11 +140,11 @@ def find_point(
         if len(each) > most:
             raise CardError(f"the deck has {len(each)} {what}; up to {most} are read")
     if flat.elements or volts:
-        for way in ((), (LONGER,)):
-            first = run_commands(given, [*way, *AT_REST], simulator, mode=mode)
-            if found := read_volts(first):
-                break
-        else:
+        ask = partial(run_commands, given, simulator=simulator, mode=mode)
+        first = ask(commands=AT_REST)
+        if not (found := read_volts(first)) and not first.failure:  # such as too long a time
+            found = read_volts(ask(commands=(LONGER, *AT_REST), seconds=TRIED_SECONDS))
+        if not found:
             raise CardError(f"ngspice finds no operating point: {first.complaint}")
     words = {word for card in cards for word in card.split()}
     nodes = [name for name in found if name in words] if flat.elements else [*flat.nodes]
