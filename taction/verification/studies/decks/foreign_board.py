@@ -199,8 +199,9 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
                 text = f"the deck has no such node; it has {', '.join(list(nodes)[:20])}"
                 raise InputError("--output", Complaint("node", repr(name), text))
         return tuple(dict.fromkeys(names))
-    every = (part.nodes for part in flat.parts if part.letter == "V")
-    held = {n for nodes in every if GROUND in nodes for n in nodes}  # others may read currents
+    sources, held = [part.nodes for part in flat.parts if part.letter == "V"], {GROUND}
+    for _ in sources:  # by one or several in series to ground; others may read currents
+        held |= {n for nodes in sources if not held.isdisjoint(nodes) for n in nodes}
     seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]
     known = tuple(dict.fromkeys(n for n in seen if n in nodes and n not in held))
     if known:
