@@ -30,7 +30,8 @@ MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 EXACT, STALLED = 1e-14, 1e-11  # residuals, of the terms of a row: at the end, and without progress
 ENOUGH = 1e-3  # correction of y that is near a solution
-LEAST_DAMPING, AT_ROUNDING = 1e-10, 0.01  # of a step: in general, and with a residual `STALLED`
+DAMPINGS = 1e-3, 1e-10  # least ones of steps: before the homotopy, and in it
+AT_ROUNDING = 0.01  # least damping of a step with a residual `STALLED`
 
 
 def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> Floats:
@@ -44,13 +45,13 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> Float
     EngineError: the steps do not converge.
     """
     h = np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300))
-    y, steps, done = _newton(H, h, a, gain, a, near)
+    y, steps, done = _newton(H, h, a, gain, a, near, DAMPINGS[0])
     if done and np.linalg.eigvals(np.eye(len(y)) + H * gain.slope(y)).real.min(initial=1.0) > 0.0:
         return y
     q, rows = a, np.abs(H).sum(axis=1)
     for stage in (*STAGES, 0.0):
         extra = stage * rows
-        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q, near)
+        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q, near, DAMPINGS[1])
         steps += taken
         q = y + (h + 1e-2 * extra) * gain.value(np.minimum(y, gain.upper))
     if done:
@@ -62,7 +63,7 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> Float
 
 
 def _newton(
-    H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats, near: bool
+    H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats, near: bool, least: float
 ) -> tuple[Floats, int, bool]:
     """Take steps in q from a start; return y, the steps, and whether they end at a solution."""
     weight = np.abs(H).sum(axis=1) + 1.0
@@ -95,7 +96,7 @@ def _newton(
                 if following <= (1.0 - damping / 4.0) * size:
                     break
             damping *= 0.5
-            if damping < (AT_ROUNDING if left <= STALLED else LEAST_DAMPING):
+            if damping < (AT_ROUNDING if left <= STALLED else least):
                 close = np.all(np.abs(share * dq) <= ENOUGH * (1.0 + np.abs(y)))
                 return y, step, left <= STALLED or (near and bool(close))
         q = q + damping * dq
