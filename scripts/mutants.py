@@ -34,6 +34,8 @@ PAIRS = (
     (ast.Eq, ast.NotEq), (ast.Is, ast.IsNot), (ast.In, ast.NotIn), (ast.And, ast.Or),
 )  # fmt: skip
 OTHER: dict[type[ast.AST], Any] = dict(PAIRS) | {b: a for a, b in PAIRS}
+# A fault may send signals to every process that this user has: tests see no other processes.
+ALONE = ("unshare", "--user", "--map-root-user", "--pid", "--fork", "--mount-proc", "--kill-child")
 Place = tuple[Path, int]  # a file, and the number of a changeable expression in it
 
 
@@ -64,12 +66,10 @@ def is_found(place: Place, copy: Path, seconds: float) -> str:
     change()
     (copy / name).write_text(ast.unparse(tree), "utf-8")
     tests = [str(test.relative_to(ROOT)) for test in tests_of([name.as_posix()])]
-    words = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
-    more = {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    words = [*ALONE, sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run(
-            words, cwd=copy, env=os.environ | more, capture_output=True, timeout=seconds
-        )
+        done = subprocess.run(words, cwd=copy, env=env, capture_output=True, timeout=seconds)
         found = done.returncode != 0
     except subprocess.TimeoutExpired:
         found = False  # the tests that ran are green
