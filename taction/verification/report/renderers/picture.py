@@ -53,7 +53,7 @@ THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": charts
 DIVERGING = (charts.BLUE, "#f4f4f2", charts.ORANGE)
 FEW = 5  # steps between labels that may be long
 LEGEND = 0.6  # opacity of a legend, which stands where it hides least
-BELOW, ENTRY = -0.17, 6  # place of a legend below the axes; letters beside each of its names
+BELOW, ENTRY = 4.6, 6  # font sizes from the axes to a legend below; letters beside its names
 
 
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
@@ -172,7 +172,8 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
         place: dict[str, Any] = {"loc": "best", "framealpha": LEGEND}
         if points:  # anywhere they may lie: the legend stands below
             across = max(1, int(SMALL * _inches(axes) / (ENTRY + max(map(len, known)))))
-            place = {"loc": "upper center", "bbox_to_anchor": (0.5, BELOW), "ncols": across}
+            place = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": across}
+            place["borderaxespad"] = BELOW
         axes.legend([*known.values()], [*known], fontsize="small", **place)
     axes.set_title(wrapped(chart.title, LETTERS * _inches(axes)), fontsize="medium")
 

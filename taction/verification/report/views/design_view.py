@@ -213,7 +213,8 @@ def _map(own: Sequence[ChosenDesign], chosen: Collection[int]) -> Chart | None:
     stars = np.reshape([place for place, each in found.items() if each.place in chosen], (-1, 2))
     best = Curve(stars[:, 0], stars[:, 1], "among the best", charts.ORANGE, "", "star", size=11.0)
     C, gain = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
-    title = f"{own[0].opamp}: {sum(each.good for each in own)} of {len(own)} designs pass"
+    passing = f"{own[0].opamp}: {sum(each.good for each in own)} of {len(own)} designs pass"
+    title = f"Worst value over its limit, {passing}"
     return Chart(title, C, gain, (charts.Grid(x, y, shares, "ratio", "log"), best), MAP, False)
 
 
