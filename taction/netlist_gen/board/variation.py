@@ -28,8 +28,7 @@ INPUT_ERROR = "input_error"  # kind
 DEVICE = "device"  # kind: an entry of an array that is programmed
 DYNAMIC = ("capacitor", "stray", "opamp_gbw", "coil", "coupling")  # kinds that move no equilibrium
 LEAST = 1e-12  # standard deviation of a device that may be stuck, over itself
-SIGNIFICANT = 4.0  # standard errors of a correlation that stands out; hundreds are tested at once
-FEWEST = 30  # boards for correlations
+SIGNIFICANT, FEWEST = 4.0, 30  # standard errors of one of hundreds of correlations, and boards
 BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain", "K": "coupling"}
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
@@ -112,45 +111,6 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
     return z
 
 
-def deviations_by_name(varied: Sequence[Parameter], values: Mapping[str, float]) -> Floats:
-    """Return the z of `varied` from deviations in tolerances, by part or else by kind.
-
-    InputError: a name is of no part that varies, and of no kind.
-
-    >>> parts = Parameter("R1", "resistor", 0.01), Parameter("R2", "resistor", 0.05)
-    >>> deviations_by_name(parts, {"resistor": 1.0, "R2": -0.5}).tolist()
-    [1.0, -0.5]
-    """
-    kinds = sorted({parameter.kind for parameter in varied})
-    for key in values:
-        if key not in (*kinds, *(parameter.name for parameter in varied)):
-            text = f"neither a component that varies nor one of {', '.join(kinds)}"
-            raise InputError("--corner", Complaint(key, "", text))
-    return np.array([values.get(p.name, values.get(p.kind, 0.0)) for p in varied])
-
-
-def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
-    """Return the name of a corner and its deviations, in units of the tolerances.
-
-    >>> deviations_of("resistor=1,R2=-0.5")
-    ('resistor=1,R2=-0.5', {'resistor': 1.0, 'R2': -0.5})
-    """
-    if not isinstance(corner, str):
-        return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
-    deviations = {}
-    for part in corner.split(","):
-        name, _, value = part.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.inf
-        if not abs(number) <= 100:
-            accepted = "expected KEY=Z, Z from -100 to 100 in units of the tolerance: capacitor=-1"
-            raise InputError("--corner", Complaint("KEY=Z", repr(part), accepted))
-        deviations[name.strip()] = number
-    return corner, deviations
-
-
 def influences(
     tolerances: Tolerances,
     varied: Sequence[Parameter],
@@ -162,11 +122,6 @@ def influences(
     The square of one is the share of the variance that a line in its deviation explains. Parts
     that do not stand out of the scatter, or of fewer than `FEWEST` boards, are left out; the
     strongest come first.
-
-    >>> exact, part = Tolerances(distribution="normal"), Parameter("R1", "resistor", 0.01)
-    >>> values = {number: draw(exact, [part], 1, number)[0] for number in range(FEWEST)}
-    >>> influences(exact, [part], 1, values)
-    {'R1': 1.0}
     """
     known = {number: v for number, v in values.items() if v is not None and math.isfinite(v)}
     if len(known) < FEWEST:

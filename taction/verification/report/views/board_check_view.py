@@ -245,7 +245,7 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     yield Section("Deviations", lambda: tolerance.deviations(study.corners))
     yield Section("Yield", f"{titled(share.sentence)}.", media=BOTH)
     yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
-    yield Section("Parts behind the spread", lambda: tolerance.influences(share), media=BOTH)
+    yield Section("Parts behind the spread", lambda: tolerance.parts_behind(share), media=BOTH)
     yield Section("Strongest parts", lambda: tolerance.most_moved(share), media=DRAWN)
     yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)
     yield Section("Histograms", lambda: tolerance.histograms(share))

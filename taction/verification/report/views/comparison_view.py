@@ -14,16 +14,7 @@ from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.documents import read
 from taction.system.quantities import counted, quantity, readable, spaced
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    Bars,
-    Content,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import BOTH, Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
     Column,
@@ -179,8 +170,8 @@ def difference_view(difference: VerdictDifference) -> Page:
         sections=(
             Section("Keys", _keys(difference), media="terminal page"),
             Section("Readings", _readings(difference), media="terminal page"),
-            Section("Ratios", lambda: _ratios(difference), media=DRAWN),
-            Section("Waveforms", lambda: _outputs(difference), media=DRAWN),
+            Section("Ratios", lambda: _ratios(difference), media="page picture"),
+            Section("Waveforms", lambda: _outputs(difference), media="page picture"),
         ),
     )
 

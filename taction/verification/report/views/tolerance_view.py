@@ -54,7 +54,7 @@ def yield_view(result: YieldReport) -> Page:
         summary=f"{text[:1].upper()}{text[1:]}.",
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
-            Section("Parts behind the spread", influences(result), media=shown),
+            Section("Parts behind the spread", parts_behind(result), media=shown),
             Section("Strongest parts", lambda: most_moved(result), media=DRAWN),
             Section("Quantities", spreads(result), media=shown),
             Section("Histograms", lambda: histograms(result), media=DRAWN),
@@ -129,7 +129,7 @@ def _moved(spread: Quantity) -> str:
     return f"{spread.title}{of}"
 
 
-def influences(result: YieldReport) -> Table:
+def parts_behind(result: YieldReport) -> Table:
     """Return the parts that move the quantities with a limit."""
     columns: dict[str, Column] = {
         "quantity": lambda each: _moved(each[0]),

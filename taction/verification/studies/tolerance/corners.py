@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import deviations_by_name, deviations_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
 from taction.system.progress import Progress
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -127,10 +127,10 @@ def corners(
     ('capacitor=-1', 'pass')
     """
     scene = read_scene(scene, engine)
-    named = [deviations_of(each) for each in corner]
+    named = [_deviations(each) for each in corner]
     board = prepare(scene, full_margin=True)
     if named:
-        ends = [(name, deviations_by_name(board.varied, values)) for name, values in named]
+        ends = [(name, _by_name(board, values)) for name, values in named]
         found = _verified(board, ends, HERE, progress, "corners")
         return CornerStudy(board.name, board.quantities, found, scene=scene)
     with workers_at(cluster, jobs, progress) as workers:
@@ -260,3 +260,31 @@ def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)
+
+
+def _by_name(board: Varied, values: Mapping[str, float]) -> Floats:
+    """Return z from deviations in tolerances, by component or else by kind."""
+    kinds = sorted({parameter.kind for parameter in board.varied})
+    for key in values:
+        if key not in (*kinds, *(parameter.name for parameter in board.varied)):
+            text = f"neither a component that varies nor one of {', '.join(kinds)}"
+            raise InputError("--corner", Complaint(key, "", text))
+    return np.array([values.get(p.name, values.get(p.kind, 0.0)) for p in board.varied])
+
+
+def _deviations(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
+    """Return the name of a corner and its deviations, in units of the tolerances."""
+    if not isinstance(corner, str):
+        return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
+    deviations = {}
+    for part in corner.split(","):
+        name, _, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.inf
+        if not abs(number) <= 100:
+            accepted = "expected KEY=Z, Z from -100 to 100 in units of the tolerance: capacitor=-1"
+            raise InputError("--corner", Complaint("KEY=Z", repr(part), accepted))
+        deviations[name.strip()] = number
+    return corner, deviations
