@@ -286,3 +286,10 @@ def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
 def test_a_tolerance_that_cannot_be_is_refused(tmp_path: Path, spread: str, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         checked(tmp_path, TRANSFORMER, spread, samples=1)
+
+
+def test_nodes_that_sources_hold_are_no_outputs(tmp_path: Path) -> None:
+    """Vm reads a current: x and y move; in and p are where the sources hold them."""
+    text = "Vin in 0 AC 1\nVos p in 1m\nE1 x 0 p z 1e5\nVm x y 0\nR1 y z 1\nC1 z 0 1n"
+    found = taction.check(written(tmp_path, text), ngspice=False)
+    assert {each.name for each in found.outputs} == {"x", "y", "z"}
