@@ -19,8 +19,9 @@ import taction
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.netlist_gen.topologies.frame.topology import TOPOLOGIES
 from taction.system import documents
-from taction.system.errors import InputError
+from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.readings.exact_measures import ExactResponse
 from taction.verification.readings.readings import Reading
 from taction.verification.report.documents import document_catalogue
 from taction.verification.stability.edges import Edge
@@ -293,3 +294,16 @@ def test_nodes_that_sources_hold_are_no_outputs(tmp_path: Path) -> None:
     text = "Vin in 0 AC 1\nVos p in 1m\nE1 x 0 p z 1e5\nVm x y 0\nR1 y z 1\nC1 z 0 1n"
     found = taction.check(written(tmp_path, text), ngspice=False)
     assert {each.name for each in found.outputs} == {"x", "y", "z"}
+
+
+def test_a_transient_without_a_known_end_leaves_the_poles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def hidden(response: ExactResponse) -> None:
+        raise EngineError("rounding hides the solution")
+
+    monkeypatch.setattr(ExactResponse, "measured", hidden)
+    found = taction.check(written(tmp_path, RC), ngspice=False)
+    assert found.outcome.value == "pass"
+    assert found.poles.rightmost.real == pytest.approx(-1e6)
+    assert found.outputs[0].figures["settling_time"] is None
