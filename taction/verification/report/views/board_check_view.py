@@ -155,6 +155,7 @@ def _outputs(found: BoardCheck) -> Iterator[Content]:
     }
     step = f"Shares of the largest step, {quantity(amplitude, 'V')}. " * (amplitude > 0.0)
     yield Table.of("", found.outputs, columns, f"{step}{KNOWN}")
+    yield f"-: {why}" if found.poles.known_stable and (why := found.measurements.reason) else ""
     yield f"output noise: {found.noise.unknown}" if found.noise.unknown else ""
 
 

@@ -307,3 +307,4 @@ def test_a_transient_without_a_known_end_leaves_the_poles(
     assert found.outcome.value == "pass"
     assert found.poles.rightmost.real == pytest.approx(-1e6)
     assert found.outputs[0].figures["settling_time"] is None
+    assert "rounding hides how" in found.measurements.reason
