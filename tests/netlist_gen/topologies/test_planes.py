@@ -315,3 +315,15 @@ def test_the_rest_is_that_of_the_currents() -> None:
     ideal = {**INPUT_DESIGN["opamp"], "dc_gain": 1e9}
     pair = [outputs_at_rest(input_board(kind, opamp=ideal)) for kind in ("current", "voltage")]
     assert pair[1] == pytest.approx(pair[0], rel=1e-7)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
+def test_a_share_of_the_ridge_term_stays(share: float) -> None:
+    """At share 0.5 the current of one resistor of 2 R takes half of that of R."""
+    scene = design(amplifier="deadzone", ridge_share=share, gain="1Mohm")
+    matrix, eps = np.array([[1.0, 0.3], [0.3, 1.0]]), np.array([3.0, 2.0])
+    circuit = build(scene, matrix, eps)
+    ohms = [part.ohms for part in circuit.resistors_of(Role.RIDGE_RESISTOR)]
+    assert ohms == pytest.approx([circuit.value("R") / (1.0 - share)] * 2 if share < 1.0 else [])
+    answer = solve(ideal_network(matrix_problem(matrix, eps), scene).problem)
+    assert outputs_at_rest(circuit) == pytest.approx(answer.u, rel=1e-3)
