@@ -130,7 +130,7 @@ def influences(
     z, y = z - z.mean(axis=0), np.array([*known.values()]) - np.mean([*known.values()])
     scale = np.sqrt((z**2).sum(axis=0) * (y @ y))
     found = (y @ z / np.where(scale, scale, math.inf)).tolist()
-    pairs = sorted(zip(varied, found, strict=True), key=lambda pair: -abs(pair[1]))
+    pairs = sorted(zip(varied, found, strict=True), key=lambda pair: -round(abs(pair[1]), 9))
     least = SIGNIFICANT / math.sqrt(len(known))
     return {part.name: size for part, size in pairs if abs(size) > least}
 

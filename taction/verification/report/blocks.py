@@ -120,31 +120,6 @@ class Bars:
     brief: bool = False
 
 
-Path = tuple[tuple[float, float], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Drawing:
-    """Lines, circles and texts at places of one plane, y downwards."""
-
-    kind: ClassVar[str] = "drawing"
-    title: str
-    lines: tuple[Path, ...]
-    circles: tuple[tuple[float, float, float, bool], ...]  # middle, radius, whether filled
-    texts: tuple[tuple[str, float, float, str, float], ...]  # text, place, anchor, height
-    summary: str  # for readers who cannot see it, and as its caption
-
-    @property
-    def frame(self) -> tuple[float, float, float, float]:
-        """Left, top, width and height."""
-        points = (point for line in self.lines for point in line)
-        (left, right), (top, bottom) = ((min(e), max(e)) for e in zip(*points, strict=True))
-        return left - BESIDE, top - BESIDE, right - left + 2.0 * BESIDE, bottom - top + 2.0 * BESIDE
-
-
-BESIDE = 8.0  # of the lines of a drawing: room for its texts
-
-
 @dataclass(frozen=True, slots=True)
 class Facts:
     """Names and values."""
@@ -174,7 +149,7 @@ class Notes:
     outcome: Outcome = ""
 
 
-Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
+Block = Table | Bars | Chart | Facts | Code | Notes
 Content = Block | str | Mapping[str, str] | None
 """What stands in a section: a text is a line of notes, a mapping has names and values."""
 BOTH, EVERYWHERE, DRAWN = "terminal page", "terminal page notebook", "page picture"

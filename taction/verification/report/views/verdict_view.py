@@ -26,7 +26,6 @@ from taction.verification.report.views.answer_view import (
     yield_text,
 )
 from taction.verification.report.views.opamp_view import counts_text, packages_text
-from taction.verification.report.views.schematic_view import schematic
 from taction.verification.report.views.stability_view import stability_blocks
 from taction.verification.report.views.verdict_screen import screen
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
@@ -91,7 +90,6 @@ def view(
             Section("Error budget", lambda: _rest_parts(verdict), media=detailed),
             Section("Headroom", lambda: _headroom(verdict), media=both),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
-            Section("Board", lambda: schematic(circuit, verdict.scene)),
             Section("Board", lambda: boards.board_blocks(circuit)),
             Section("Left out", lambda: boards.omissions(circuit)),
             Section("Parts list", lambda: boards.parts_blocks(circuit, verdict.scene)),
@@ -250,14 +248,14 @@ def _rest_parts(verdict: Verdict) -> Table | None:
         return None
     worst = worst_channel(spread.sigma)
     moves, sigma = spread.rows[:, worst], float(spread.sigma[worst])
-    order = np.argsort(-np.abs(moves), kind="stable").tolist()
+    order = np.argsort(-np.round(np.abs(moves) / sigma, 9), kind="stable").tolist()
     columns: dict[str, Column] = {
         "part": lambda k: spread.names[k],
         f"moves u{worst + 1} by": lambda k: number_cell(float(moves[k]), "V", 3),
         "of the variance": lambda k: number_cell(float(moves[k] / sigma) ** 2, "step", 3),
     }
     note = f"One standard deviation of each; {quantity(sigma, 'V', 3)} with all ({built.varies})."
-    more = "{} more move it no farther."
+    more = "{} others move it by no more."
     return Table.of("What moves the rest most", order, columns, note, SHOWN, more)
 
 
