@@ -207,7 +207,7 @@ def drawn_board(seed: int, channels: int = 24, **design: object) -> Circuit:
 def decompose(A: np.ndarray) -> Modes:
     """Return the modes of ``x' = A x``, A in 1/s."""
     one = np.eye(len(A))
-    parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), one, one
+    parts = one, A, np.zeros((len(A), 1)), one, np.abs(A)
     return find_modes(reduce_pencil(Pencil(*parts), []))
 
 

@@ -25,6 +25,7 @@ FINE = 1e-7  # of a level: with less room a cell is not divided
 DEEPEST = 8  # so often a cell is divided
 PIECES = 128  # of cells for each level, on average, up to which they are divided again
 NARROW, STEPS = 1e-13, 40  # of a cell: how well a crossing is placed in it, and most steps to it
+NEWTON = 3  # so many of Newton in each of them
 FEW, TOGETHER = 3, 512  # first cells of a search, one at a time, and those that follow, at once
 
 
@@ -334,7 +335,7 @@ def _edges(cells: CubicCells, sign: Floats, level: Floats, *, last: bool) -> tup
     """Return when ``sign * cubic`` of cells (Q,) is last, or first, above levels, and bounds, s.
 
     Places count from the outer end of a cell to the maximum of the cubic, 0 to 1. The first step
-    compares equal places; the others such beside the zero of the chord, and the middle.
+    compares equal places; the others such beside a zero by Newton's steps, and the middle.
     """
     outer, every = 1.0 if last else 0.0, np.arange(len(sign))
     inward, (a, b, c, d) = cells.tops(sign)[0] - outer, cells.powers(sign)
@@ -351,7 +352,13 @@ def _edges(cells: CubicCells, sign: Floats, level: Floats, *, last: bool) -> tup
         if not np.any(wide > NARROW):
             break
         zero = low + wide * below / np.where(wide > 0.0, below - above, 1.0)
-        by = np.maximum(wide * np.minimum(wide, 0.25), 0.3 * NARROW)
+        for _ in range(NEWTON):
+            x, before = outer + inward * zero, zero
+            value, slope = a - level + x * (b + x * (c + x * d)), b + x * (2.0 * c + 3.0 * x * d)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                zero = np.fmin(np.fmax(before - value / (inward * slope), low), high)
+        by = np.abs(zero - before)
+        by = np.maximum(by * np.minimum(8.0 * by, 1.0), 0.3 * NARROW)
         inner = np.sort([zero - by, zero + by, 0.5 * (low + high)], axis=0)
         places = np.stack([low, *np.clip(inner, low, high), high])
     return cells.begin + cells.width * (outer + inward * high), cells.width * np.abs(inward) * wide

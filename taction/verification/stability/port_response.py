@@ -129,8 +129,8 @@ class PortResponse:
             return None
         modes = refined_modes(modes)
         pencil, poles = modes.reduced.pencil, np.diag(modes.T)
-        right = (self.columns.T @ pencil.basis) @ modes.V
-        left = modes.W @ (pencil.left @ self.rows)
+        right = self.columns.T @ pencil.voltages(modes.V)
+        left = modes.W @ pencil.unknowns(self.rows)
         residues = right.T[:, :, None] * left[:, None, :]
         s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
         weights = s.real if self.reactive else np.ones(2)

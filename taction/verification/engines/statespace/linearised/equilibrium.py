@@ -225,15 +225,20 @@ def scaled_jacobian(
     return K / row, row, column[:, None]
 
 
-def rounding(rest: Equilibrium) -> Floats:
+def rounding(rest: Equilibrium, response: Callable[[], Response]) -> Floats:
     """Return how far rounding of the stamped values moves each unknown, V; shape (size,).
 
-    The rounding of every row, with signs drawn at random, through the linearised equations.
+    The rounding of every row, with signs drawn at random, through the linearised equations;
+    `response` as in `solve_equilibrium`.
     """
     descriptor, z = rest.descriptor, rest.values
     terms = balance(descriptor, z)[2]
     draws = np.random.default_rng(1992).standard_normal((descriptor.size, PROBES))
-    moved = _solved(descriptor, rest.slopes, EPS * terms[:, None] * draws, np.abs(z))
+    rows = EPS * terms[:, None] * draws
+    if descriptor.devices.count:
+        moved = _solved(descriptor, rest.slopes, rows, np.abs(z))
+    else:
+        moved = response()[0](rows)
     return np.asarray(SPREAD * np.abs(moved).max(axis=1))
 
 

@@ -12,7 +12,12 @@ import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.modes import Modes, components
-from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced, extended
+from taction.verification.engines.statespace.linearised.reduction import (
+    ROUNDED,
+    Reduced,
+    extended,
+    product,
+)
 
 # Of the largest voltage: error of a response, above which Newton's steps are tried, then groups of
 # nearly parallel modes.
@@ -77,9 +82,9 @@ def certify(
     reduced: Reduced, T: Complexes, group: Ints, mates: Ints, X: Complexes, W: Complexes
 ) -> Modes:
     """Compare vectors with the pencil; W is scaled to ``W M V`` of unit diagonal."""
-    pencil, V = reduced.pencil, _product(reduced.seen, X)
+    pencil, V = reduced.pencil, product(reduced.seen, X)
     M, K, n = pencil.M, pencil.K, len(T)
-    MV, KV = _product(M, V), _product(K, V)
+    MV, KV = product(M, V), product(K, V)
     norm = np.einsum("ij,ji->i", W, MV)
     W = W / np.where(norm != 0.0, norm, 1.0)[:, None]
     sizes, weights = np.abs(V), np.abs(W)
@@ -96,10 +101,10 @@ def certify(
         a, p, inverse = reduced.first
         hidden[p] = np.abs(inverse) @ (np.abs(R[a]) + rounding[a])
         size, charged = np.abs(T), bool(pencil.mass[:, p].any())
-        coupled = _product(K[:, p].T, W.T).T
+        coupled = product(K[:, p].T, W.T).T
         doubt = weights @ pencil.pull[:, p]
         if charged:
-            WM = _product(M[:, p].T, W.T).T
+            WM = product(M[:, p].T, W.T).T
             coupled = (np.diag(T)[:, None] * WM if single else T @ WM) - coupled
             doubt += size @ (weights @ pencil.mass[:, p])
         lost = np.abs(coupled) + ROUNDED * doubt
@@ -117,11 +122,9 @@ def certify(
     return Modes(reduced, T, group, mates, X, V, W, F, E, mixed, hidden)
 
 
-def _product(A: Floats, V: Complexes) -> Complexes:
-    """Return the product of a real and a complex matrix, at half the cost of a complex one."""
-    n = V.shape[1]
-    both = A @ np.concatenate([V.real, V.imag], axis=1)
-    return np.asarray(both[:, :n] + 1j * both[:, n:])
+def _extended(reduced: Reduced, T: Complexes, Y: Complexes) -> Complexes:
+    """Return left vectors of the pencil for those of A, ``Y A = T Y``."""
+    return extended([product(Y, L) for L in reduced.powers], T)
 
 
 def _with_conjugates(values: Complexes, mates: Ints) -> Complexes:
@@ -178,6 +181,8 @@ def mirrored(A: Floats) -> Ints | None:
 def eigenmodes(reduced: Reduced) -> Modes:
     """Return the modes, each by itself; the vectors of pairs are conjugate to the bit."""
     s, vectors = eigenvectors(reduced.A)
+    order = np.argsort(-s.real, kind="stable")  # pairs, of equal real parts, stay together
+    s, vectors = s[order], vectors[:, order]
     upper, lower = np.flatnonzero(s.imag > 0.0), np.flatnonzero(s.imag < 0.0)
     parts = vectors.real.copy()  # a pair's columns: real and imaginary part
     parts[:, lower] = vectors.imag[:, upper]
@@ -191,7 +196,7 @@ def eigenmodes(reduced: Reduced) -> Modes:
     Y[lower] = Y[upper].conj()
     T = np.diag(s.astype(np.complex128))
     numbers, mates = np.arange(len(s)), _places_of_mates(s)
-    return certify(reduced, T, numbers, mates, vectors + 0j, extended(reduced.powers, T, Y))
+    return certify(reduced, T, numbers, mates, vectors + 0j, _extended(reduced, T, Y))
 
 
 def newton_step(modes: Modes) -> Modes:
@@ -209,7 +214,7 @@ def newton_step(modes: Modes) -> Modes:
         X, W = X + X @ turn, W - turn @ W
         T = np.asarray(T - np.where(same, np.triu(modes.F), 0.0))
     pencil = modes.reduced.pencil
-    charges = _product(pencil.M, _product(modes.reduced.seen, X))
+    charges = product(pencil.M, product(modes.reduced.seen, X))
     W = np.asarray(np.linalg.solve(W @ charges, W))
     X, W = _with_conjugates(X.T, mates).T, _with_conjugates(W, mates)
     return certify(modes.reduced, T, modes.group, mates, X, W)
@@ -318,7 +323,7 @@ def group_modes(reduced: Reduced, s: Complexes, ill: Bools, width: float) -> Mod
     mates[:count] = np.arange(count)
     mates[count : len(singles)] = np.arange(count, len(singles)).reshape(-1, 2)[:, ::-1].ravel()
     X, Y = scale[:, None] * X, Y / scale
-    return certify(reduced, found, group, mates, X, extended(reduced.powers, found, Y))
+    return certify(reduced, found, group, mates, X, _extended(reduced, found, Y))
 
 
 def _single(label: Ints, t: Complexes, mates: Ints) -> tuple[list[int], list[int]]:

@@ -79,7 +79,7 @@ class LinearBoard:
     @functools.cached_property
     def rounding(self) -> Floats:
         """Bound on the rounding error of the equilibrium with the strain applied, V, (size,)."""
-        return rounding(self.equilibrium)
+        return rounding(self.equilibrium, lambda: self._response)
 
     @functools.cached_property
     def rest(self) -> Equilibrium:

@@ -128,6 +128,8 @@ class Modes:
     def ordered(self) -> Modes:
         """The same with the rightmost pole first."""
         order = np.lexsort((-self.poles.imag, -self.poles.real))
+        if np.all(np.diff(order) == 1):
+            return self
         place, both = np.append(np.argsort(order), -1), np.ix_(order, order)  # -1 stays -1
         rows = {name: getattr(self, name)[order] for name in ("group", "W")}
         columns = {name: getattr(self, name)[:, order] for name in ("right", "V", "hidden")}
@@ -168,10 +170,10 @@ class Modes:
         return errors
 
     @functools.cached_property
-    def mixing(self) -> tuple[Floats, Floats] | None:
+    def mixing(self) -> tuple[tuple[Floats, ...], tuple[Floats, ...]] | None:
         """Bounds on how couplings exchange modes: the rates of near ones, 1/s, and shares, (n, n).
 
-        None where they are not known.
+        They are products of matrices; None where they are not known.
         """
         s, E, rates = self.poles, self.coupling, self.rates
         strong = ~(self.alone[:, None] & self.alone)
@@ -180,10 +182,10 @@ class Modes:
         apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
         if not (self.is_known and np.all(balanced_sums(apart, s) < CERTAIN)):
             return None
-        more = np.linalg.inv(np.eye(len(s)) - 4.0 * apart)  # of higher orders
+        more = np.asarray(np.linalg.inv(np.eye(len(s)) - 4.0 * apart))  # of higher orders
         close = np.where(near, E, 0.0)
         np.fill_diagonal(close, 0.5 * np.diag(E))  # it counts once
-        return np.asarray(more @ close @ more), np.asarray(more @ apart)
+        return (more, close, more), (more, apart)
 
     def shares(self, C: Floats, deviation: Floats, doubt: Floats | None = None) -> ModeShares:
         """Return the shares of the modes in the rows of ``C x`` (K, n) for a start.
@@ -193,8 +195,8 @@ class Modes:
         """
         pencil = self.reduced.pencil
         with np.errstate(invalid="ignore", over="ignore"):
-            dual = self.W @ (pencil.M @ (pencil.left @ deviation))
-            size = pencil.mass @ (np.abs(pencil.left) @ np.abs(deviation))
+            dual = self.W @ (pencil.M @ pencil.unknowns(deviation))
+            size = pencil.mass @ pencil.unknowns(np.abs(deviation), sizes=True)
             sizes = np.abs(self.W) @ size
             unsure = ROUNDED * sizes + 2.0 * self.mixed @ np.abs(dual)
             terms = (np.abs(C) @ np.abs(self.right)) * sizes
@@ -204,7 +206,7 @@ class Modes:
     @functools.cached_property
     def unseen(self) -> Floats:
         """Bound on the error of each mode in each of all unknowns, (size, n)."""
-        return np.asarray(np.abs(self.reduced.pencil.basis) @ self.hidden)
+        return self.reduced.pencil.voltages(self.hidden, sizes=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +267,7 @@ def _errors(modes: Modes) -> Floats:
         H = np.nan_to_num(E / nearest[:, None], nan=np.inf, posinf=1e300)
         tight = ~(balanced_sums(H, s) < TIGHT)
         if not tight.any():
-            beyond = (E + E @ np.linalg.solve(np.eye(n) - H, H)) / half
+            beyond = np.linalg.solve((np.eye(n) - H).T, E.T).T / half  # E (1 + H + H H + ...)
             errors = _within(E + E @ beyond, label, s)
             tight = errors >= nearest
             if not tight.any():
@@ -371,7 +373,11 @@ class ModeShares:
             return unknown, unknown
         seen = self._grown(np.abs(self.seen) + self.doubt, transposed=True)
         dual = self._grown(np.abs(self.dual) + self.unsure, transposed=False)
-        lag, vague = ((seen @ X) * dual + seen * (X @ dual) for X in parts)
+        lag, vague = (
+            functools.reduce(np.matmul, part, seen) * dual
+            + seen * functools.reduce(lambda x, X: X @ x, part[::-1], dual)
+            for part in parts
+        )
         own = self._grown(np.abs(self.seen), transposed=True)
         missed = self._grown(self.doubt, transposed=True)
         vague += own * self._grown(self.unsure, transposed=False) + missed * dual

@@ -32,7 +32,7 @@ STEPS = 2  # inputs before those that change with time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pencil:
-    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``."""
+    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``; y is z without `basis`."""
 
     M: Floats  # (k, k)
     K: Floats  # (k, k)
@@ -40,12 +40,33 @@ class Pencil:
     # `mass`, `pull`: (k, k): sizes of the terms of M and K, to which their rounding is relative.
     mass: Floats
     pull: Floats
-    basis: Floats  # (size, k)
-    left: Floats  # (k, size)
+    basis: Floats | None = None  # (size, k)
+    left: Floats | None = None  # (k, size)
+
+    def voltages(self, y: NDArray[Any], *, sizes: bool = False) -> NDArray[Any]:
+        """Return z of y (k, ...), or with `sizes` a bound on |z| from bounds on |y|."""
+        return _turned(self.basis, y, sizes)
+
+    def unknowns(self, z: Floats, *, sizes: bool = False) -> Floats:
+        """Return y of z (size, ...), or with `sizes` a bound on |y| from bounds on |z|."""
+        return _turned(self.left, z, sizes)
+
+
+def _turned(turn: Floats | None, X: NDArray[Any], sizes: bool) -> NDArray[Any]:
+    return X if turn is None else (np.abs(turn) if sizes else turn) @ X
+
+
+def product(A: NDArray[Any], B: NDArray[Any]) -> NDArray[Any]:
+    """Return ``A @ B``, for a real and a complex matrix at half the cost of complex ones."""
+    if np.isrealobj(A) == np.isrealobj(B):
+        return np.asarray(A @ B)
+    if np.isrealobj(B):
+        return product(B.T, A.T).T
+    return (A @ np.ascontiguousarray(B).view(np.float64)).view(np.complex128)
 
 
 def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
-    """Return a pencil in unknowns in which M is diagonal.
+    """Return a pencil, whose y is z, in unknowns in which M is diagonal.
 
     A large capacitor between two nodes with small ones moves both nodes at nearly the same rate. In
     node voltages its own slow rate is the difference of two fast rates, and lost in their rounding.
@@ -66,8 +87,8 @@ def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
         b=turn @ pencil.b,
         mass=np.abs(M) + sizes[0] * float(np.finfo(D.dtype).eps / EPS),
         pull=sizes[1],
-        basis=pencil.basis @ basis,
-        left=np.asarray(np.linalg.solve(basis, pencil.left)),
+        basis=basis,
+        left=np.asarray(np.linalg.inv(basis)),
     )
 
 
@@ -99,14 +120,15 @@ class Reduced:
     decided: bool
 
 
-def extended(powers: Sequence[Floats], s: NDArray[Any], w: NDArray[Any]) -> NDArray[Any]:
-    """Return ``w L_0 + s w L_1 + s s w L_2 + ...`` for matrices s (m, m) and w (m, n).
+def extended(powers: Sequence[NDArray[Any]], s: NDArray[Any]) -> NDArray[Any]:
+    """Return ``L_0 + s L_1 + s s L_2 + ...`` for a matrix s (m, m).
 
-    Of the `Reduced.powers` these are left vectors (m, k) of the pencil where ``w A = s w``.
+    Of ``w L_k``, L_k the `Reduced.powers`, these are left vectors (m, k) of the pencil where
+    ``w A = s w``.
     """
-    found = w @ powers[-1]
+    found = powers[-1]
     for L in powers[-2::-1]:
-        found = w @ L + s @ found
+        found = L + s @ found
     return found
 
 
@@ -249,7 +271,7 @@ def reduce_pencil(
     n = len(work.M)
     A, B, C, D = rates[:, :n], rates[:, n:], work.C, work.D
     powers = tuple(inverse_mass @ L for L in work.powers)
-    L = extended(powers, A, np.eye(n))
+    L = extended(powers, A)
     if work.charges_jump:  # the step itself charges what it reaches
         D = D - C @ (L @ (pencil.M @ D))
         B = L @ pencil.b
@@ -259,9 +281,9 @@ def reduce_pencil(
         first=work.first,
         A=A,
         B=B,
-        C=pencil.basis @ C,
-        D=pencil.basis @ D,
-        charge=L @ pencil.M @ pencil.left,
+        C=pencil.voltages(C),
+        D=pencil.voltages(D),
+        charge=L @ pencil.M if pencil.left is None else L @ pencil.M @ pencil.left,
         seen=C,
         left=L,
         places=None if work.turned else work.left,
@@ -289,8 +311,12 @@ def scaled_inverse(A: Floats) -> tuple[Floats, float]:
     rows = np.abs(A).max(axis=1, initial=0.0)
     rows[rows == 0.0] = 1.0
     scaled = A / rows[:, None]
+    coupled, own = scaled != 0.0, np.diag(scaled)
+    np.fill_diagonal(coupled, own == 0.0)
+    c = np.flatnonzero(coupled.any(axis=0) | coupled.any(axis=1))
+    inverse = np.diag(own)  # 1 or -1 where nothing is coupled
     try:
-        inverse = np.linalg.inv(scaled)
+        inverse[np.ix_(c, c)] = np.linalg.inv(scaled[np.ix_(c, c)])
     except np.linalg.LinAlgError:
         return np.full_like(A, np.inf), np.inf
     sizes = np.abs(inverse), np.abs(scaled)

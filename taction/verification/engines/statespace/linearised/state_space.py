@@ -129,7 +129,7 @@ def _reduced(
     descriptor: Descriptor, slopes: Floats, b: Floats, *, by_charge: bool = False
 ) -> StateSpace:
     """Eliminate; rounding is relative to the terms of M and K, which may cancel in any circuit."""
-    (M, K), every = descriptor.summed(np.asarray, slopes), np.eye(descriptor.size)
+    M, K = descriptor.summed(np.asarray, slopes)
     masses, pulls = np.abs(M), np.abs(K)
     if descriptor.has_branches:
         masses, pulls = descriptor.summed(np.abs, slopes)
@@ -137,7 +137,7 @@ def _reduced(
     def exact() -> NDArray[np.longdouble]:
         return descriptor.summed(lambda x: x.astype(np.longdouble), slopes)[0]
 
-    pencil = Pencil(M, K, b, masses, pulls, every, every)
+    pencil = Pencil(M, K, b, masses, pulls)
     reduced = reduce_pencil(pencil, descriptor.names, exact, by_charge=by_charge)
     parts = {each.name: getattr(reduced, each.name) for each in fields(reduced)}
     return StateSpace(**parts, descriptor=descriptor)

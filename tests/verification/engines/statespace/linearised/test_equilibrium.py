@@ -18,7 +18,7 @@ from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
+from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.boards import (
@@ -119,7 +119,7 @@ def test_the_rounding_of_an_equilibrium_covers_what_other_roundings_give() -> No
         local = descriptor.local._replace(values=descriptor.local.values * (1 + 2e-16 * draw))
         nudged = replace(descriptor, local=local)
         moved = LinearBoard(linear.circuit, nudged).equilibrium.values - rest.values
-        assert np.all(np.abs(moved) <= 4.0 * rounding(rest).max())
+        assert np.all(np.abs(moved) <= 4.0 * linear.rounding.max())
 
 
 T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
