@@ -102,9 +102,7 @@ def _keys(table: BaseModel, prefix: str = "", *, every: bool = False) -> Iterato
 
 
 @functools.cache
-def _fields(
-    model: type[BaseModel],
-) -> dict[str, tuple[str, Kind, str, type[BaseModel] | None]]:
+def _fields(model: type[BaseModel]) -> dict[str, tuple[str, Kind, str, type[BaseModel] | None]]:
     """Return name in a file, kind, unit, and table, if it is one, of every field of a table."""
     found = dict[str, tuple[str, Kind, str, type[BaseModel] | None]]()
     for name, field in model.model_fields.items():

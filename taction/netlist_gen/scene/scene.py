@@ -14,12 +14,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from taction.netlist_gen.scene.check_keys import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, WiresTable
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto, entry
-from taction.netlist_gen.scene.mistakes import (
-    placed,
-    toml_complaint,
-    validated,
-    with_places,
-)
+from taction.netlist_gen.scene.mistakes import placed, toml_complaint, validated, with_places
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem_keys import (
     MatrixProblem,

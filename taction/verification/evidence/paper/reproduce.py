@@ -10,12 +10,7 @@ from taction.system.errors import NoVerdictError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.evidence.paper.boards import breadboard, console, hardware
-from taction.verification.evidence.paper.findings import (
-    Chapter,
-    ClaimOutcome,
-    Finding,
-    load_claims,
-)
+from taction.verification.evidence.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
 from taction.verification.evidence.paper.network import conditioning, energy, simnon, speed
 from taction.verification.evidence.paper.sensing import equations, kernels, reconstruction
 from taction.verification.studies.running.versions import describe_machine

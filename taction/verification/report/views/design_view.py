@@ -15,15 +15,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
 from taction.system.charts import Axis, Chart, Curve, Mark
 from taction.system.foreign_files import shortened
-from taction.system.quantities import (
-    banded,
-    percent,
-    quantity,
-    readable,
-    show,
-    spaced,
-    written,
-)
+from taction.system.quantities import banded, percent, quantity, readable, show, spaced, written
 from taction.verification.design.choose import (
     CAPACITANCE,
     FEEDBACK,

@@ -172,11 +172,7 @@ def demonstration_view(found: Demonstration) -> Page:
         command="taction demo",
         outcome=found.outcome if found.outcome == "fail" else "pass",
         summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
-        sections=(
-            *steps,
-            Section("Next", NEXT, media="terminal page"),
-            origin_section(None),
-        ),
+        sections=(*steps, Section("Next", NEXT, media="terminal page"), origin_section(None)),
     )
 
 

@@ -140,11 +140,7 @@ def curve_of(
 
 
 def results(
-    x: Floats,
-    y: Floats,
-    names: Names,
-    looks: dict[str, charts.Look],
-    size: float = 7.0,
+    x: Floats, y: Floats, names: Names, looks: dict[str, charts.Look], size: float = 7.0
 ) -> Iterator[charts.Curve]:
     """Yield the points of each result, by the names of their looks, in that look."""
     for name, look in looks.items():
