@@ -268,14 +268,14 @@ def test_names_are_shown_and_never_obeyed(
 
 
 def test_a_name_with_a_command_in_every_medium() -> None:
-    from taction.verification.report.blocks import BOTH, Facts, Notes, Page, Section, Table, cell
+    from taction.verification.report.blocks import Facts, Notes, Page, Section, Table, cell
     from taction.verification.report.junit import JUnitTest, junit_suite, junit_text
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.renderers.terminal import card, markdown, page_text
 
     table = Table(ODD, (ODD,), ((cell(ODD),),), ODD)
     blocks = (table, Facts(ODD, ((ODD, ODD),)), Notes(ODD, (ODD,)))
-    media = f"{BOTH} notebook"
+    media = "terminal page notebook"
     page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
     suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)
     text = page_text(page) + markdown(page, "a") + card(page) + junit_text("demo", [suite])

@@ -227,7 +227,7 @@ def hostile() -> Page:
         Code(HOSTILE, HOSTILE, HOSTILE),
         Notes(HOSTILE, (HOSTILE,)),
     )
-    section = Section(HOSTILE, blocks, HOSTILE)
+    section = Section(HOSTILE, blocks, HOSTILE, media="page")
     return Page(HOSTILE, HOSTILE, "fail", HOSTILE, (HOSTILE,), (section,))
 
 

@@ -152,7 +152,6 @@ class Notes:
 Block = Table | Bars | Chart | Facts | Code | Notes
 Content = Block | str | Mapping[str, str] | None
 """What stands in a section: a text is a line of notes, a mapping has names and values."""
-BOTH, EVERYWHERE, DRAWN = "terminal page", "terminal page notebook", "page picture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +166,7 @@ class Section:
     title: str
     blocks: Content | Iterable[Content] | Callable[[], Content | Iterable[Content]]
     lead: str = ""  # a sentence above the blocks
-    media: str = PAGE  # who shows the section, in words
+    media: str = "terminal page"  # who shows the section, in words
 
     def made(self, medium: str) -> tuple[Block, ...]:
         """Return the blocks for a medium; none if it does not show this section."""

@@ -215,7 +215,9 @@ SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "pr
 
 def origin_section(scene: Scene | None, more: Rows = ()) -> Section:
     """Return the versions and hashes behind a page, after the rows `more`; None: many scenes."""
-    return Section("Versions and hashes", lambda: Facts("", tuple(_rows(scene, more))))
+    return Section(
+        "Versions and hashes", lambda: Facts("", tuple(_rows(scene, more))), media="page"
+    )
 
 
 def _rows(scene: Scene | None, more: Rows) -> Iterator[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark
 from taction.system.quantities import banded, quantity, spaced
-from taction.verification.report.blocks import BOTH, DRAWN, Bars, Content, Page, Section, Table
+from taction.verification.report.blocks import Bars, Content, Page, Section, Table
 from taction.verification.report.texts import (
     KNOWN,
     Cell,
@@ -54,12 +54,12 @@ def view(found: BoardCheck) -> Page:
         summary=_summary(found),
         lines=found.notes,
         sections=(
-            Section("Checks", Bars("", tuple(map(check_bar, found.checks)), MARGINS), "", BOTH),
-            Section("Outputs", lambda: _outputs(found), media=BOTH),
-            Section("Poles", lambda: _poles(found), media=BOTH),
-            Section("Pole map", lambda: pole_map(found.poles.poles), media=DRAWN),
-            Section("Step response", lambda: _response(found), media=DRAWN),
-            Section("Parts", lambda: _parts(found), media=BOTH),
+            Section("Checks", Bars("", tuple(map(check_bar, found.checks)), MARGINS)),
+            Section("Outputs", lambda: _outputs(found)),
+            Section("Poles", lambda: _poles(found)),
+            Section("Pole map", lambda: pole_map(found.poles.poles), media="page picture"),
+            Section("Step response", lambda: _response(found), media="page picture"),
+            Section("Parts", lambda: _parts(found)),
             *map(partial(_swept, found.measurements.band), found.sweeps),
             *_varied(found),
         ),
@@ -211,7 +211,7 @@ def _parts(found: BoardCheck) -> Table:
 
 
 def _swept(band: float, found: Sweep) -> Section:
-    return Section(f"Over {found.name}", lambda: _sweep(found, band), media=BOTH)
+    return Section(f"Over {found.name}", lambda: _sweep(found, band))
 
 
 def _sweep(found: Sweep, band: float) -> Iterator[Content]:
@@ -242,14 +242,14 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     if study is None or share is None:
         return
     names = [out.node for out in found.circuit.outputs]
-    yield Section("Worst cases", lambda: tolerance.tables(study, names), tolerance.SEARCHED, BOTH)
-    yield Section("Deviations", lambda: tolerance.deviations(study.corners))
-    yield Section("Yield", f"{titled(share.sentence)}.", media=BOTH)
-    yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
-    yield Section("Parts behind the spread", lambda: tolerance.parts_behind(share), media=BOTH)
-    yield Section("Strongest parts", lambda: tolerance.most_moved(share), media=DRAWN)
-    yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)
-    yield Section("Histograms", lambda: tolerance.histograms(share))
+    yield Section("Worst cases", lambda: tolerance.tables(study, names), tolerance.SEARCHED)
+    yield Section("Deviations", lambda: tolerance.deviations(study.corners), media="page")
+    yield Section("Yield", f"{titled(share.sentence)}.")
+    yield Section("Checks that do not pass", lambda: tolerance.failures(share))
+    yield Section("Parts behind the spread", lambda: tolerance.parts_behind(share))
+    yield Section("Strongest parts", lambda: tolerance.most_moved(share), media="page picture")
+    yield Section("Spread", lambda: tolerance.spreads(share))
+    yield Section("Histograms", lambda: tolerance.histograms(share), media="page")
 
 
 def _response(found: BoardCheck) -> Chart | None:

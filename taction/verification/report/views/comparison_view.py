@@ -14,7 +14,7 @@ from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.documents import read
 from taction.system.quantities import counted, quantity, readable, spaced
-from taction.verification.report.blocks import BOTH, Bars, Content, Notes, Page, Section, Table
+from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
     Column,
@@ -65,9 +65,9 @@ def regression_view(report: RegressionReport) -> Page:
             *((f"Not stored, a check fails: {', '.join(report.left)}.",) if report.left else ()),
         ),
         sections=(
-            Section("Scenes", scenes, media="terminal page"),
+            Section("Scenes", scenes),
             *(
-                Section(f"{each.file}: {each.status.value}", tuple(_scene(each)), media=BOTH)
+                Section(f"{each.file}: {each.status.value}", tuple(_scene(each)))
                 for each in report.results
             ),
             origin_section(None, (("baseline", report.baseline),)),
@@ -168,8 +168,8 @@ def difference_view(difference: VerdictDifference) -> Page:
         summary=_summary(difference),
         lines=(f"A: {difference.first}", f"B: {difference.second}", *difference.notes),
         sections=(
-            Section("Keys", _keys(difference), media="terminal page"),
-            Section("Readings", _readings(difference), media="terminal page"),
+            Section("Keys", _keys(difference)),
+            Section("Readings", _readings(difference)),
             Section("Ratios", lambda: _ratios(difference), media="page picture"),
             Section("Waveforms", lambda: _outputs(difference), media="page picture"),
         ),
@@ -309,8 +309,8 @@ def files_view(files: VerifiedFiles) -> Page:
         last_line=files.outcome,
         summary=f"{counted(len(files.documents), 'scene')}: {counts}",
         sections=(
-            Section("Scenes", Table.of("Scenes", files.documents, columns), media="terminal page"),
-            Section("Remarks", tuple(remarks), media="terminal page"),
+            Section("Scenes", Table.of("Scenes", files.documents, columns)),
+            Section("Remarks", tuple(remarks)),
         ),
     )
 

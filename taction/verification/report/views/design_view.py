@@ -72,10 +72,10 @@ def choice_view(choice: Choice) -> Page:
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
-        Section("Best designs", tuple(_best(best)), WORST, "terminal page"),
-        Section("Op-amps", _opamps(designs), media="terminal page"),
+        Section("Best designs", tuple(_best(best)), WORST),
+        Section("Op-amps", _opamps(designs)),
         Section("Picture", lambda: _picture(choice), media="page picture"),
-        Section("All designs", lambda: _table(designs)),
+        Section("All designs", lambda: _table(designs), media="page"),
     )
     none = "No design passes; the table of op-amps has the nearest of each with its reason."
     return Page(
@@ -218,7 +218,7 @@ def tuning_view(result: Tuned) -> Page:
     lead = banded("settles", verdict.measurements.band).capitalize()
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
     own = (
-        Section("Tuning", tuple(_blocks(result)), media="terminal page"),
+        Section("Tuning", tuple(_blocks(result))),
         Section("Trade-off", lambda: _tuned(result), media="page picture"),
     )
     return replace(

@@ -49,9 +49,9 @@ def paper_view(result: Reproduction) -> Page:
     chapters = []
     for chapter in result.sections:
         table = Table.of(chapter.title, chapter.findings, COLUMNS)
-        chapters.append(Section(chapter.title, (table,), media="terminal page"))
+        chapters.append(Section(chapter.title, (table,)))
         if chapter.charts:
-            chapters.append(Section(f"{chapter.title}: pictures", chapter.charts))
+            chapters.append(Section(f"{chapter.title}: pictures", chapter.charts, media="page"))
     unexpected = tuple(
         f"{each.claim.id}: {each.outcome.value}; expected: {each.claim.expected.value}. {each.ours}"
         for each in result.findings
@@ -65,7 +65,7 @@ def paper_view(result: Reproduction) -> Page:
         lines=(f"{SOURCE}.",),
         sections=(
             *chapters,
-            Section("Unexpected", Notes("", unexpected, "fail"), media="terminal page"),
+            Section("Unexpected", Notes("", unexpected, "fail")),
             origin_section(None),
         ),
     )
@@ -107,9 +107,9 @@ def stress_view(report: StressReport) -> Page:
         outcome=outcome,
         summary=headline(report),
         sections=(
-            Section("Results", _results(report.runs), media="terminal page"),
-            Section("Wrong", Notes("Wrong", wrong, "fail"), media="terminal page"),
-            Section("What makes the cases hard", cases),
+            Section("Results", _results(report.runs)),
+            Section("Wrong", Notes("Wrong", wrong, "fail")),
+            Section("What makes the cases hard", cases, media="page"),
         ),
     )
 
@@ -172,7 +172,7 @@ def demonstration_view(found: Demonstration) -> Page:
         command="taction demo",
         outcome=found.outcome if found.outcome == "fail" else "pass",
         summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
-        sections=(*steps, Section("Next", NEXT, media="terminal page"), origin_section(None)),
+        sections=(*steps, Section("Next", NEXT), origin_section(None)),
     )
 
 
@@ -187,10 +187,7 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
         for made in (each(verdict) for each in shown):
             yield replace(made, title=f"{title}. {made.title}")
 
-    return (
-        Section(title, told, media="terminal page"),
-        Section(f"{title}: outputs", charts, media="page picture"),
-    )
+    return (Section(title, told), Section(f"{title}: outputs", charts, media="page picture"))
 
 
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
@@ -214,9 +211,9 @@ def accuracy_view(study: WorkPrecisionStudy) -> Page:
         lines=(study.stretch,),
         sections=(
             Section("Error against run time", partial(_charts, study), media="page picture"),
-            Section("Runs", tuple(_runs(study)), media="terminal page"),
-            Section("Cheapest settings", _cheapest(study), media="terminal page"),
-            Section("Left out", Notes("", study.omissions), media="terminal page"),
+            Section("Runs", tuple(_runs(study))),
+            Section("Cheapest settings", _cheapest(study)),
+            Section("Left out", Notes("", study.omissions)),
             origin_section(study.scene),
         ),
         foot=("; ".join(filter(None, (machine, f"the study took {took}"))),),

@@ -19,15 +19,7 @@ from taction.spice_models.presets import Origin
 from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.foreign_files import visible
 from taction.system.quantities import counted, percent, quantity, readable, show
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    EVERYWHERE,
-    Content,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import Content, Page, Section, Table
 from taction.verification.report.texts import Cell, fields
 from taction.verification.verdict.board_files import BoardPower, PartsList
 
@@ -91,8 +83,8 @@ def view(result: OpAmpFigures) -> Page:
         title=opamp.name,
         command="taction parts show",
         sections=(
-            Section("Figures", (table, *sources), "", EVERYWHERE),
-            Section("Open loop", lambda: _bode(opamp), media=DRAWN),
+            Section("Figures", (table, *sources), "", "terminal page notebook"),
+            Section("Open loop", lambda: _bode(opamp), media="page picture"),
         ),
     )
 
@@ -180,7 +172,9 @@ def list_view(models: Mapping[str, OpAmp]) -> Page:
     return Page(
         title="op-amps",
         command="taction parts",
-        sections=(Section("Op-amps", Table.of("", models.items(), columns), "", EVERYWHERE),),
+        sections=(
+            Section("Op-amps", Table.of("", models.items(), columns), "", "terminal page notebook"),
+        ),
         foot=("all figures with their sources: taction parts show NAME",),
     )
 
@@ -203,7 +197,7 @@ def imported_view(result: ImportedModel) -> Page:
     return Page(
         title=f"{model['name']}, simulated at ±{show(model['supply'], 'V')}",
         command="taction parts import",
-        sections=(Section("Figures", lines, media=EVERYWHERE),),
+        sections=(Section("Figures", lines, media="terminal page notebook"),),
     )
 
 
@@ -223,7 +217,7 @@ def parts_view(result: PartsList) -> Page:
         title=result.scene.name,
         command="taction export bom",
         summary=counts_text(result.parts),
-        sections=(Section("Parts", table, media=BOTH), Section("Board", lines, media=BOTH)),
+        sections=(Section("Parts", table), Section("Board", lines)),
     )
 
 

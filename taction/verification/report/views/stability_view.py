@@ -204,7 +204,7 @@ def onset_view(onset: Onset) -> Page:
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
             Section("Poles", lambda: _charts(onset), media="page picture"),
-            Section("Crossings", tuple(_crossings(onset)), media="terminal page"),
+            Section("Crossings", tuple(_crossings(onset))),
             origin_section(onset.scene),
         ),
     )

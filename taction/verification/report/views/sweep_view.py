@@ -189,12 +189,12 @@ def view(result: SweepResult) -> Page:
         summary=f"{result.done} of {plan.points} points: {outcomes}.",
         lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.",),
         sections=(
-            Section("Pictures", text),
+            Section("Pictures", text, media="page"),
             Section(
                 "Pictures", lambda: _charts(result), media="picture" if many else "page picture"
             ),
             Section("Points", lambda: _listed(result), media="terminal"),
-            Section("Points", lambda: _points(result)),
+            Section("Points", lambda: _points(result), media="page"),
             origin_section(plan.scene, (("database", path),)),
         ),
         foot=tuple(foot),

@@ -13,15 +13,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark
 from taction.system.quantities import counted, percent, spaced
-from taction.verification.report.blocks import (
-    DRAWN,
-    EVERYWHERE,
-    Content,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
@@ -46,7 +38,7 @@ MORE = "{} more: --json has all."
 def yield_view(result: YieldReport) -> Page:
     """Return the page of a yield."""
     origin = (("seed", str(result.seed)), ("samples", str(result.samples)))
-    text, shown = result.sentence, EVERYWHERE
+    text, shown = result.sentence, "terminal page notebook"
     return Page(
         title=result.name,
         command="taction yield montecarlo",
@@ -55,9 +47,9 @@ def yield_view(result: YieldReport) -> Page:
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
             Section("Parts behind the spread", parts_behind(result), media=shown),
-            Section("Strongest parts", lambda: most_moved(result), media=DRAWN),
+            Section("Strongest parts", lambda: most_moved(result), media="page picture"),
             Section("Quantities", spreads(result), media=shown),
-            Section("Histograms", lambda: histograms(result), media=DRAWN),
+            Section("Histograms", lambda: histograms(result), media="page picture"),
             origin_section(result.scene, origin),
         ),
     )
@@ -230,8 +222,8 @@ def corner_view(study: CornerStudy) -> Page:
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=(SEARCHED,) * any(corner.quantity for corner in corners),
         sections=(
-            Section("Corners", tuple(tables(study)), media="terminal page"),
-            Section("Deviations", lambda: deviations(corners)),
+            Section("Corners", tuple(tables(study))),
+            Section("Deviations", lambda: deviations(corners), media="page"),
             origin_section(study.scene),
         ),
     )

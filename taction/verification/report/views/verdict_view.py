@@ -14,7 +14,7 @@ from taction.system.quantities import banded, quantity, readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.reference.problem import Solution
 from taction.verification.report import blocks
-from taction.verification.report.blocks import DRAWN, Bars, Content, Notes, Page, Section, Table
+from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, rounded_up
 from taction.verification.report.views import answer_view as answers
 from taction.verification.report.views import board_view as boards
@@ -61,7 +61,7 @@ def view(
     """
     circuit, waves = verdict.circuit, verdict.waveforms
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
-    both, detailed = "terminal page", "terminal page" if verbose else "page"
+    detailed = "terminal page" if verbose else "page"
     first, *mends = [readable(line.strip()) for line in changes.splitlines()] or [""]
     lead = first.removesuffix(":").removeprefix("what to change").strip()
     records = (waveforms.outputs_chart, waveforms.deviation_chart, waveforms.difference_chart)
@@ -77,23 +77,24 @@ def view(
                 "What to change",
                 mends,
                 f"The nearest changes that mend the verdict {lead}".rstrip() + ".",
-                both,
             ),
-            Section("Waveforms", lambda: [f(verdict) for f in records], media=DRAWN),
-            Section("Waveforms", lambda: _channels(verdict), media=both),
-            Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
+            Section("Waveforms", lambda: [f(verdict) for f in records], media="page picture"),
+            Section("Waveforms", lambda: _channels(verdict)),
+            Section("Stability", lambda: stability_blocks(circuit, verdict.poles), media="page"),
             Section(
                 "Recovered stress", lambda: waveforms.stress_chart(verdict), media="page picture"
             ),
             Section("Checks", lambda: Bars("", answers.check_bars(verdict)), media="picture"),
             Section("Error budget", lambda: budget_table(verdict), media=detailed),
             Section("Error budget", lambda: _rest_parts(verdict), media=detailed),
-            Section("Headroom", lambda: _headroom(verdict), media=both),
+            Section("Headroom", lambda: _headroom(verdict)),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
-            Section("Board", lambda: boards.board_blocks(circuit)),
-            Section("Left out", lambda: boards.omissions(circuit)),
-            Section("Parts list", lambda: boards.parts_blocks(circuit, verdict.scene)),
-            Section("Deck", lambda: boards.deck_blocks(verdict)),
+            Section("Board", lambda: boards.board_blocks(circuit), media="page"),
+            Section("Left out", lambda: boards.omissions(circuit), media="page"),
+            Section(
+                "Parts list", lambda: boards.parts_blocks(circuit, verdict.scene), media="page"
+            ),
+            Section("Deck", lambda: boards.deck_blocks(verdict), media="page"),
             origin_section(verdict.scene, engine),
         ),
         foot=(_cost(verdict),),
@@ -310,8 +311,8 @@ def built_view(found: BuiltBoard) -> Page:
         lines.insert(1, nearest)
     lines += (f"not included: {what}" for what in found.parts.not_listed)
     sections = (
-        Section("Files", blocks.Facts("Files", tuple(_files(found))), media="terminal page"),
-        Section("Parts", Notes("Parts", tuple(lines)), media="terminal page"),
+        Section("Files", blocks.Facts("Files", tuple(_files(found)))),
+        Section("Parts", Notes("Parts", tuple(lines))),
     )
     if found.verdict is None:
         text = f"no verdict: {found.refused}"

@@ -192,7 +192,7 @@ def test_sections_are_made_only_for_their_media() -> None:
     def refuse() -> tuple[Table, ...]:
         raise AssertionError("a terminal does not need this section")
 
-    page = Page("t", "c", "", "", (), (Section("only the page", refuse),))
+    page = Page("t", "c", "", "", (), (Section("only the page", refuse, media="page"),))
     assert terminal.page_text(page) == "t"
     assert "only the page" not in terminal.card(page)
 
