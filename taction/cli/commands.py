@@ -64,8 +64,8 @@ class Verified(Result):
         """Return the changes that mend the verdict as lines below a heading: all, or the first."""
         if self.remedies is None:
             return []
+        from taction.verification.report.views.answer_view import CHANGES
         from taction.verification.report.views.design_view import remedies_text
-        from taction.verification.report.views.verdict_screen import CHANGES
 
         lines = remedies_text(self.verdict.scene, self.remedies).splitlines()
         rest = 0 if whole else max(len(lines) - CHANGES, 0)
@@ -107,8 +107,7 @@ def verify_scene(options: Options, progress: StageLine) -> Verified:
 def _print_verdict(found: Verified, progress: StageLine) -> None:
     """Print a verdict but for its last line; a reader who has gone is met at the end."""
     from taction.verification.report.renderers.terminal import page_lines
-    from taction.verification.report.views.answer_view import margin_lines
-    from taction.verification.report.views.verdict_screen import screen
+    from taction.verification.report.views.answer_view import margin_lines, screen
 
     verdict, margins = found.verdict, tuple(margin_lines(found.document))
     if found.whole:

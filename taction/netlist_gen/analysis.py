@@ -26,41 +26,22 @@ class SimulatorTolerances:
 
 @dataclass(frozen=True, slots=True)
 class Transient:
-    """A transient from t = 0.
+    """A transient from t = 0."""
 
-    Attributes
-    ----------
-    stop, max_step : float
-        End and largest step, s.
-    truncation : float
-        Largest relative truncation error of one step; it bounds the step where the board is too
-        fast for `max_step`.
-    charge : float or None
-        Charge below which that error counts absolutely, C; None for a charge far below every
-        capacitor's.
-    current : float
-        What the rounding of charges makes of currents over the shortest step, A: Newton's iteration
-        does not converge to less.
-    first_step : float or None
-        s; None for a thousandth of `max_step`.
-    initial : str
-        ``"zero"``: every capacitor is discharged when the strain steps on. ``"rest"``: the
-        equilibrium without strain.
-    method : str
-        Integration method.
-    voltages : dict of str to float
-        Initial node voltages, V, in the place of 0 V for ``"zero"``; they start a board along one
-        of its modes.
-    """
-
-    stop: float
-    max_step: float
+    stop: float  # end, s
+    max_step: float  # largest step, s
+    # largest relative error of one step; it bounds the step of a board too fast for `max_step`
     truncation: float = 1e-4
+    # C below which that error counts absolutely; None: a charge far below every capacitor's
     charge: float | None = field(default=None, repr=False)
+    # what the rounding of charges makes of currents over the shortest step, A: Newton's iteration
+    # does not converge to less
     current: float = field(default=0.0, repr=False)
-    first_step: float | None = field(default=None, repr=False)
+    first_step: float | None = field(default=None, repr=False)  # s; None: max_step / 1000
+    # zero: every capacitor is discharged when the strain steps on; rest: as without strain
     initial: Literal["zero", "rest"] = "zero"
     method: Literal["trapezoidal", "gear"] = "trapezoidal"
+    # initial node voltages, V, in the place of 0 V: they start a board along one of its modes
     voltages: Mapping[str, float] = field(default_factory=dict)
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -155,15 +155,19 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     hot: dict[type, float] = {Resistor: hot_r, ResistorMatrix: hot_r, Capacitor: hot_c}
     hot_gbw = math.exp(kelvin * tolerances.opamp_drift)
 
-    def varied_opamp(cell: OpAmpCell, model: OpAmp) -> OpAmp:
-        errors = {figure: MOST * shift[f"{cell.name}.{figure}"] for figure, _ in model.varying}
-        faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
-        gain = scale.get(f"{cell.name}.dc_gain", 1.0)
-        return _opamp(drawn(model, errors), cell.name, faster, gain)
-
-    own = _with_own_models(circuit, varied_opamp)
+    models, cells = dict[str, OpAmp](), list[OpAmpCell]()
+    for cell in circuit.opamps:  # each has a model of its own, but for the imported ones
+        model = circuit.models[cell.model]
+        if model.imported is None:
+            errors = {figure: MOST * shift[f"{cell.name}.{figure}"] for figure, _ in model.varying}
+            faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
+            gain = scale.get(f"{cell.name}.dc_gain", 1.0)
+            model = _opamp(drawn(model, errors), cell.name, faster, gain)
+        models[model.name] = model
+        cells.append(replace(cell, model=model.name))
     programmed = tuple(_programmed(each, deviations) for each in circuit.matrices)
-    made = replace(own, matrices=programmed, temperature=circuit.temperature + kelvin)
+    made = replace(circuit, models=models, opamps=tuple(cells), matrices=programmed)
+    made = replace(made, temperature=circuit.temperature + kelvin)
     return with_factors(made, scale, hot)
 
 
@@ -210,17 +214,6 @@ def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> Resi
     moved = np.isfinite(ohms) & (off != 0.0)
     ohms[moved] = 1.0 / device.programmed(siemens, off)[moved]
     return replace(matrix, ohms=ohms, device=None)
-
-
-def _with_own_models(circuit: Circuit, make: Callable[[OpAmpCell, OpAmp], OpAmp]) -> Circuit:
-    """Return `circuit` with a model of its own for each op-amp but the imported ones."""
-    models, cells = {}, []
-    for cell in circuit.opamps:
-        model = circuit.models[cell.model]
-        model = make(cell, model) if model.imported is None else model
-        models[model.name] = model
-        cells.append(replace(cell, model=model.name))
-    return replace(circuit, models=models, opamps=tuple(cells))
 
 
 def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:

@@ -37,7 +37,7 @@ from taction.netlist_gen.deck.foreign_cards import (
     spelt,
 )
 from taction.spice_models.imported import DEVICE, Subcircuit
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, first_ones
 from taction.system.foreign_files import UnusableFileError, read_bounded
 
 LARGEST = 8_000_000  # bytes of a netlist with the files that it includes
@@ -396,9 +396,9 @@ def logical_lines(
         card.with_text("").limited(len(card.text), what, LONGEST)
     remarks = [f"{name}: {commands} lines of commands (.control) do not run"] * bool(commands)
     if unusual:
-        more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
+        lines = first_ones([*map(str, unusual)], 1)
         why = "begins with no letter, so that it is a comment, as in ngspice"
-        remarks.insert(0, f"{name}: line {unusual[0]}{more}: {why}")
+        remarks.insert(0, f"{name}: line {lines}: {why}")
     return cards, remarks
 
 

@@ -248,7 +248,16 @@ def design_mistakes(data: Mapping[str, Any]) -> Iterator[Complaint]:
     design = _table(data.get("design"))
     for key, reason in contradictions(design):
         yield Complaint(f"design.{key}", quoted_value(design[key]), reason)
-    yield from _no_such_channel(data)
+    # The channel of the rise time, if the problem, as far as it is stated, has fewer.
+    problem, check = data.get("problem"), _table(data.get("checks")).get("rise_time")
+    channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
+    if _table(problem).get("kind") != "tactile":
+        rows = _table(problem).get("matrix")
+        first = rows[0] if isinstance(rows, list) and rows else None
+        most = len(first) if isinstance(first, list) else None
+    if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
+        text = f"the problem has {most} channels; expected 1 to {most}"
+        yield Complaint("checks.rise_time.channel", quoted_value(channel), text)
 
 
 IMPOSSIBLE = (  # key, unit, type, least and largest value; no board has others of this type
@@ -270,19 +279,6 @@ def impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
             if 0.0 < value < least or value > most:
                 text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
                 yield Complaint(f"design.{key}", quoted_value(design[key]), text)
-
-
-def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Yield the channel of the rise time if the problem, as far as it is stated, has fewer."""
-    problem, check = data.get("problem"), _table(data.get("checks")).get("rise_time")
-    channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
-    if _table(problem).get("kind") != "tactile":
-        rows = _table(problem).get("matrix")
-        first = rows[0] if isinstance(rows, list) and rows else None
-        most = len(first) if isinstance(first, list) else None
-    if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
-        text = f"the problem has {most} channels; expected 1 to {most}"
-        yield Complaint("checks.rise_time.channel", quoted_value(channel), text)
 
 
 def _table(value: object) -> Mapping[str, Any]:

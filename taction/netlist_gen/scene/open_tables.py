@@ -7,6 +7,7 @@ the table ``[checks.NAME]``, or ``[design.NAME]`` for the topology NAME.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from pydantic import ValidationError, create_model
@@ -70,7 +71,10 @@ def with_tables(base: type[M], group: str, module: str) -> type[M]:
     fields: dict[str, Any] = {}
     for name, keys in offered.items():
         if keys is not None:
-            default = None if group == "taction.checks" else _default(keys)
+            default: Model | None = None
+            if group != "taction.checks":
+                with suppress(ValidationError):  # it has a key that the scene must give
+                    default = keys()
             fields[name] = (keys | None, default)
     return plugged(base, module, fields) if fields else base
 
@@ -82,13 +86,6 @@ def plugged(base: type[M], module: str, fields: dict[str, Any]) -> type[M]:
     )
     made.__qualname__ = f"Plugged{base.__name__}"
     return made
-
-
-def _default(keys: type[Model]) -> Model | None:
-    try:
-        return keys()
-    except ValidationError:  # it has a key that the scene must give
-        return None
 
 
 def models() -> dict[str, OpAmp]:

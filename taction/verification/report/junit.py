@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
+from taction.system.errors import first_ones
 from taction.system.foreign_files import visible, visible_lines
 from taction.verification.report.texts import figure
 from taction.verification.report.views import comparison_view as comparison
@@ -136,8 +137,9 @@ def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUni
         if not changes:
             yield JUnitTest(name)
         else:
-            text = "\n".join([*map(comparison.change_line, changes), *comparison.remarks(result)])
-            yield JUnitTest(name, end, comparison.changes_line(changes), text)
+            lines = [*map(comparison.change_line, changes)]
+            text = "\n".join((*lines, *comparison.remarks(result)))
+            yield JUnitTest(name, end, first_ones(lines, 1), text)
 
 
 def _path(result: SceneResult, report: RegressionReport) -> str:

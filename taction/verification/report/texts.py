@@ -38,18 +38,13 @@ def figure(value: object, unit: str | None, digits: int = 4) -> str:
     if math.isinf(value):
         return "never"
     if unit == "step":
-        return _per_cent(value, min(digits, 3))
+        if 0.0 < abs(value) < LEAST_SHARE:
+            return "under 1 ppm"
+        rounded = float(f"{100.0 * value:.{min(digits, 3)}g}")  # written without an exponent
+        return f"{Decimal(repr(rounded)):f}".removesuffix(".0") + " %"
     if unit in (*UNITS, "1/s"):
         return readable(show(value, unit, digits))
     return f"{value:.{digits}g}"
-
-
-def _per_cent(share: float, digits: int) -> str:
-    """Return a fraction of the step without an exponent."""
-    if 0.0 < abs(share) < LEAST_SHARE:
-        return "under 1 ppm"
-    rounded = float(f"{100.0 * share:.{digits}g}")
-    return f"{Decimal(repr(rounded)):f}".removesuffix(".0") + " %"
 
 
 def with_error(value: float | None, error: float | None, unit: str) -> str:

@@ -14,8 +14,9 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import reduce
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,7 +130,11 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
     names = dict.fromkeys(command.split()[0] for command, _ in TOOLS.values())
     line = [sys.executable, "-P", "-m", "taction", *names, "--help", "--json"]
     told = json.loads(subprocess.run(line, capture_output=True, check=True).stdout)
-    helps = {name: _help(told, command.split()) for name, (command, _) in TOOLS.items()}
+
+    def below(found: Any, word: str) -> Any:
+        return found["commands"][word]
+
+    helps = {name: reduce(below, command.split(), told) for name, (command, _) in TOOLS.items()}
     tools = {
         name: Tool(name=name, description=command["help"], input_schema=_schema(name, command))
         for name, command in helps.items()
@@ -153,14 +158,6 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
         "taction", version=metadata.version("taction"), instructions=ABOUT,
         on_list_tools=list_tools, on_call_tool=call_tool,
     )  # fmt: skip
-
-
-def _help(told: Mapping[str, Any], words: Sequence[str]) -> Mapping[str, Any]:
-    """Return the description of a command, maybe of one below another."""
-    found = told
-    for word in words:
-        found = found["commands"][word]
-    return found
 
 
 def _schema(name: str, command: Mapping[str, Any]) -> dict[str, Any]:

@@ -54,7 +54,7 @@ class Verdict(Evidence, Result):
     """
 
     VIEW = "taction.verification.report.views.verdict_view:view"
-    SCREEN = "taction.verification.report.views.verdict_screen:screen"
+    SCREEN = "taction.verification.report.views.answer_view:screen"
     CARD = "Verdict"
     DOCUMENT = "taction.verification.report.documents.verdict:VerdictBody.of"
 

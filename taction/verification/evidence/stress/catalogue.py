@@ -104,10 +104,8 @@ def drawn(size: int, seed: int, scale: float = 1.0) -> list[float]:
 
 GENERATORS: dict[str, Callable[..., Rows | list[float]]] = {
     function.__name__: function
-    for function in (
-        diagonal, uniform, sparse, blocks, graded, hilbert, singular, drawn,
-    )
-}  # fmt: skip
+    for function in (diagonal, uniform, sparse, blocks, graded, hilbert, singular, drawn)
+}
 
 
 FOLDER = Path(__file__).parents[3] / "scenes" / "stress"

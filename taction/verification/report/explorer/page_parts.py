@@ -54,9 +54,7 @@ def start_part(settings: Settings) -> Part:
 def place_part(control: Control, value: float) -> Part:
     """Return the text and the place of a value, and whether it is the scene's."""
     place = round(STEPS * control.place(value))
-    return {
-        "text": typed_value(value, control.unit), "place": place, "own": value == control.own
-    }  # fmt: skip
+    return {"text": typed_value(value, control.unit), "place": place, "own": value == control.own}
 
 
 def typed_value(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:

@@ -117,11 +117,6 @@ def bound(wanted: int) -> socket.socket:
         raise InputError("--port", Complaint("PORT", repr(wanted), text)) from None
 
 
-def has_display() -> bool:
-    """Whether a browser could show the page on this machine."""
-    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in DISPLAYS)
-
-
 def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], None]) -> None:
     """Serve the explorer of `scene` until Ctrl-C.
 
@@ -147,7 +142,8 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
 
     async def open_to_all() -> None:
         announce(address)  # a browser that is faster than the server waits
-        if show and has_display():
+        seen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, DISPLAYS))
+        if show and seen:
             await asyncio.to_thread(webbrowser.open, address)
         await judging.warm_up()
         gc.freeze()  # a collection that visits all imported modules takes longer than a move

@@ -35,8 +35,11 @@ def write_page(page: Page, path: str) -> None:
 
 def page_html(page: Page) -> str:
     """Return `page` as the text of one HTML file."""
+    from markupsafe import escape
+
     environment = templates()
-    environment.filters |= {"spec": plotly_spec, "code": _code}
+    code = {"code": lambda text: escape(escaped(text, "\n\t"))}  # its lines stay
+    environment.filters |= {"spec": plotly_spec, **code}
     program = _read("charts.js") + _read("page.js")
     shown = made_sections(page)
     charts = any(block.kind == "chart" for _, own in shown for block in own)
@@ -69,13 +72,6 @@ def _shown(value: Any) -> Any:
     """Return what the page shows of a value; its own markup and its programs stay."""
     known = not isinstance(value, str) or hasattr(value, "__html__")
     return value if known else visible(value)
-
-
-def _code(text: str) -> Any:
-    """Return a text of several lines as markup."""
-    from markupsafe import escape
-
-    return escape(escaped(text, "\n\t"))
 
 
 def made_sections(page: Page) -> list[tuple[Section, list[Block]]]:

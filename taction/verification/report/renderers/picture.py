@@ -216,7 +216,8 @@ def _label(axes: Axes, axis: Axis, name: str) -> None:
     ruler.set_label_text(axis.caption)
     if axis.scale == "names":
         ruler.set_ticks(range(len(axis.names)), axis.names)
-        if name == "x" and _crowded(axes, axis):
+        letters = sum(len(each) + 2 for each in axis.names)
+        if name == "x" and letters > LETTERS * _inches(axes):  # they cannot stand beside each other
             axes.tick_params("x", labelrotation=30)
         return
     unit, log = axis.sign.strip("%"), axis.scale == "log"
@@ -239,11 +240,6 @@ def _label(axes: Axes, axis: Axis, name: str) -> None:
 def _inches(axes: Axes) -> float:
     """Return the width of the axes before the layout, inches."""
     return float(cast("Figure", axes.figure).get_figwidth() * axes.get_position().width)
-
-
-def _crowded(axes: Axes, axis: Axis) -> bool:
-    """Tell whether the names of a horizontal axis are too long to stand beside each other."""
-    return sum(len(name) + 2 for name in axis.names) > LETTERS * _inches(axes)
 
 
 def _curve(axes: Axes, mark: charts.Curve, chart: Chart) -> None:
@@ -334,6 +330,4 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
 }
 
 
-BLOCKS: dict[type, Callable[[Any, Any], None]] = {
-    Chart: draw_chart, Bars: _bars, Notes: _notes,
-}  # fmt: skip
+BLOCKS: dict[type, Callable[[Any, Any], None]] = {Chart: draw_chart, Bars: _bars, Notes: _notes}

@@ -84,13 +84,6 @@ def _values(values: ArrayLike, axis: charts.Axis) -> Any:
     return packed(array) if array.ndim == 1 and len(array) >= PACKED else numbers(array)
 
 
-def _range(axis: charts.Axis, limits: tuple[float, float]) -> list[float]:
-    low, high = (axis.factor * end for end in limits)
-    if axis.scale == "log":
-        low, high = math.log10(low), math.log10(high)
-    return [high, low] if axis.reverse else [low, high]
-
-
 def _decades(chart: charts.Chart, name: str) -> float:
     """Return over how many decades the curves and maps of a chart extend along an axis."""
     drawn = (mark for mark in chart.marks if isinstance(mark, charts.Curve | charts.Grid))
@@ -120,7 +113,8 @@ def _axis(chart: charts.Chart, name: str, axis: charts.Axis) -> dict[str, Any]:
     if any(isinstance(mark, charts.Grid) for mark in chart.marks):
         made |= {"showgrid": False, "zeroline": False}
     if axis.limits is not None:
-        made["range"] = _range(axis, axis.limits)
+        ends = [_annotated(end, axis) for end in axis.limits]
+        made["range"] = ends[::-1] if axis.reverse else ends
     elif axis.reverse:
         made["autorange"] = "reversed"
     return made

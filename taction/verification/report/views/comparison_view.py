@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -125,12 +125,6 @@ def remarks(result: SceneResult) -> list[str]:
     """Return what explains the changes of a scene, and why it does not pass, in lines."""
     reasons = [found.text for found in causes(result.checks)] if result.checks else [result.reason]
     return [*result.notes, *filter(None, reasons)]
-
-
-def changes_line(changes: Sequence[Difference]) -> str:
-    """Return the first of changed quantities, and how many more there are."""
-    more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
-    return change_line(changes[0]) + more
 
 
 def off_text(off: float) -> str:

@@ -246,7 +246,9 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
     units, circuit = {each.path: each.unit for each in tuning.ranges}, tuning.verdict.circuit
     columns: dict[str, Column] = {"design": lambda each: each[0]}
     for path, unit in units.items():
-        columns[_key_name(path)] = partial(_value, path=path, unit=unit, digits=5)
+        columns[spaced(path.removeprefix("design."))] = partial(
+            _value, path=path, unit=unit, digits=5
+        )
     settling = banded("settling_time", tuning.scene.checks.settling_time.band)
     columns[settling] = lambda each: number_cell(each[1].settling_time, "s")
     columns["overshoot"] = lambda each: number_cell(finite(each[1].overshoot), "step", 3)
@@ -274,10 +276,6 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
 def _value(each: Trial | tuple[str, Trial], path: str, unit: str, digits: int) -> Cell:
     trial = each if isinstance(each, Trial) else each[1]
     return number_cell(float(trial.values[path]), unit, digits)
-
-
-def _key_name(path: str) -> str:
-    return path.removeprefix("design.").replace("_", " ")
 
 
 def scaling_view(result: Scaled) -> Page:

@@ -17,6 +17,7 @@ from taction.netlist_gen.kicad.part_symbols import printed_value
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
+from taction.system.errors import first_ones
 from taction.system.foreign_files import visible
 from taction.system.quantities import counted, percent, quantity, readable, show
 from taction.verification.report.blocks import Content, Page, Section, Table
@@ -251,10 +252,6 @@ def packages_text(parts: BillOfMaterials) -> str:
 def part_columns(shown: int) -> dict[str, Callable[[Any], Any]]:
     """Return the columns of the parts of one value, of which `shown` have their names."""
 
-    def names(line: PartLine) -> str:
-        more = len(line.references) - shown
-        return " ".join(line.references[:shown]) + (f" and {more} more" if more > 0 else "")
-
     def sold(line: PartLine) -> str:
         if (near := line.preferred) is None:
             return ""
@@ -267,7 +264,7 @@ def part_columns(shown: int) -> dict[str, Callable[[Any], Any]]:
             None if line.tolerance is None else Cell(percent(line.tolerance), line.tolerance)
         ),
         "not a standard value; nearest": sold,
-        "references": names,
+        "references": lambda line: first_ones(line.references, shown, " "),
     }
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ ENGINES = OpenTable(
 )
 """Names of the engines for people."""
 Names = np.ndarray[Any, Any]
+Looks = Mapping[str, charts.Look]
 OUTCOME = (
     "The result of every point. Of several checks that fail the first one is shown, stability"
     " before all others. A grey or empty cell has no value."
@@ -60,55 +61,30 @@ def axis_of(where: axes.SweepAxis) -> tuple[charts.Axis, Floats]:
     return charts.Axis(where.name, where.key.unit, "log" if log else "linear"), places
 
 
-@dataclass(eq=False)
-class Plane:
-    """The two axes of a plan, and the stability boundary over them.
+def maps(
+    plan: Plan, data: dict[str, Any], shown: Sequence[str], names: Names, looks: Looks
+) -> Iterator[charts.Chart]:
+    """Yield what each point over two axes says, then the `shown` quantities as colours.
 
-    It is where the growth rates (n, m), 1/s, pass through 0, interpolated.
+    Each has the stability boundary, where the growth rates pass through 0, interpolated.
     """
-
-    plan: Plan
-    growth: Floats
-
-    @cached_property
-    def axes(self) -> tuple[tuple[charts.Axis, Floats], ...]:
-        """Both axes, and the places of their values."""
-        return tuple(axis_of(group[0]) for group in self.plan.groups)
-
-    @cached_property
-    def edge(self) -> charts.Curve | None:
-        """The boundary; nothing lies between two values of a list."""
-        (x, across), (y, down) = self.axes
-        if "names" in (x.scale, y.scale):
-            return None
-        ends: list[Any] = list(charts.zero_lines(across, down, self.growth.T))
-        return (
-            charts.Curve(*charts.segments(ends), "", "ink", width=2.5, label="") if ends else None
-        )
-
-    def chart(self, title: str, marks: Iterable[charts.Mark], summary: str) -> charts.Chart:
-        """Return a chart of `marks` with the boundary."""
-        (x, _), (y, _) = self.axes
-        marks = (*marks, *filter(None, [self.edge]))
-        text = summary.format(x=x.title, y=y.title) + EDGE * (self.edge is not None)
-        return charts.Chart(title, x, y, marks, text, height=420)
-
-    def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
-        """Return what each point says."""
-        (_, across), (_, down) = self.axes
-        x, y = np.meshgrid(across, down, indexing="ij")
-        size = float(np.clip(CROWD / max(names.shape), 2.0, 9.0))
-        return self.chart("Outcome", results(x, y, names, looks, size), OUTCOME)
-
-    def quantity(self, name: str, values: Floats) -> charts.Chart:
-        """Return the values (n, m) of a quantity as colours."""
-        title, signed = titled(name, band_of(self.plan)), name == "growth_rate"
+    (x, across), (y, down) = (axis_of(group[0]) for group in plan.groups)
+    ends, edge = list[Any](), list[charts.Mark]()
+    if "names" not in (x.scale, y.scale):  # nothing lies between two values of a list
+        ends = [*charts.zero_lines(across, down, data["growth_rate"].T)]
+    if ends:
+        edge = [charts.Curve(*charts.segments(ends), "", "ink", width=2.5, label="")]
+    every = np.meshgrid(across, down, indexing="ij")
+    size = float(np.clip(CROWD / max(names.shape), 2.0, 9.0))
+    marks = *results(*every, names, looks, size), *edge
+    yield charts.Chart("Outcome", x, y, marks, OUTCOME + EDGE * bool(edge), height=420)
+    for name in shown:
+        title, signed = titled(name, band_of(plan)), name == "growth_rate"
         scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
         colours = "Blue decays, orange grows." if signed else STRONGEST
-        text = f"{title} over {{x}} and {{y}}. {colours} Empty: no value."
-        (_, across), (_, down) = self.axes
-        mark = charts.Grid(across, down, values.T, FIGURES[name].unit, scale)
-        return self.chart(title, [mark], text)
+        text = f"{title} over {x.title} and {y.title}. {colours} Empty: no value."
+        mark = charts.Grid(across, down, data[name].T, FIGURES[name].unit, scale)
+        yield charts.Chart(title, x, y, (mark, *edge), text + EDGE * bool(edge), height=420)
 
 
 def band_of(plan: Plan) -> float | None:
@@ -118,7 +94,7 @@ def band_of(plan: Plan) -> float | None:
 
 
 def curve_of(
-    plan: Plan, name: str, data: dict[str, Any], names: Names, looks: dict[str, charts.Look]
+    plan: Plan, name: str, data: dict[str, Any], names: Names, looks: Looks
 ) -> charts.Chart:
     """Return a quantity over one axis; the mark is the result of the point."""
     unit, values, band = FIGURES[name].unit, data[name], band_of(plan)
@@ -140,7 +116,7 @@ def curve_of(
 
 
 def results(
-    x: Floats, y: Floats, names: Names, looks: dict[str, charts.Look], size: float = 7.0
+    x: Floats, y: Floats, names: Names, looks: Looks, size: float = 7.0
 ) -> Iterator[charts.Curve]:
     """Yield the points of each result, by the names of their looks, in that look."""
     for name, look in looks.items():
@@ -247,14 +223,8 @@ def _charts(result: SweepResult) -> Iterator[Content]:
     data, names = grids(result), result_names(result)
     shown, lines = _worth(data)
     looks, first = charts.looks_of(names.ravel().tolist()), True
-    drawn: Iterator[charts.Chart]
-    if len(plan.groups) == 1:
-        drawn = (curve_of(plan, name, data, names, looks) for name in shown)
-    else:
-        plane = Plane(plan, data["growth_rate"])
-        maps = (plane.quantity(name, data[name]) for name in shown)
-        drawn = itertools.chain([plane.outcomes(names, looks)], maps)
-    for chart in drawn:
+    drawn = (curve_of(plan, name, data, names, looks) for name in shown)
+    for chart in drawn if len(plan.groups) == 1 else maps(plan, data, shown, names, looks):
         engine = f" Engine: {ENGINES[plan.engine]}." * first
         yield replace(chart, summary=f"{chart.summary}{engine}")
         first = False

@@ -23,11 +23,11 @@ from taction.verification.report.views.answer_view import (
     answer_text,
     decisive_text,
     origin_section,
+    screen,
     yield_text,
 )
 from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.stability_view import stability_blocks
-from taction.verification.report.views.verdict_screen import screen
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_files import KICAD, OWN, REPORT, BuiltBoard
 from taction.verification.verdict.checks import Outcome

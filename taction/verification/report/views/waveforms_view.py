@@ -12,7 +12,7 @@ import numpy as np
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
-from taction.system.array_types import Floats, Waveforms
+from taction.system.array_types import Floats
 from taction.system.quantities import banded, counted, quantity
 from taction.verification.report.texts import figure
 from taction.verification.verdict.verify import Verdict
@@ -206,16 +206,12 @@ def difference_chart(verdict: Verdict) -> charts.Chart | None:
     largest = f"{figure(agreement.difference * scale, 'step')} of the step"
     return charts.Chart(
         "ngspice minus the state-space engine",
-        _record_time(verdict.waveforms),
+        replace(charts.TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
         charts.Axis("difference", "step"),
         tuple(curves(agreement.instants, scale * agreement.differences, width=0.8)),
         f"The largest difference is {largest}, in u{channel + 1} at"
         f" {quantity(time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
     )
-
-
-def _record_time(wave: Waveforms) -> charts.Axis:
-    return replace(charts.TIME, limits=(0.0, float(wave.time[-1])))
 
 
 def stress_chart(verdict: Verdict) -> charts.Chart:

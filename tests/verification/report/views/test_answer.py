@@ -27,8 +27,12 @@ from taction.verification.report.output_checks import export
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.texts import KNOWN, with_error
-from taction.verification.report.views.answer_view import answer_text, check_bar, true_error_text
-from taction.verification.report.views.verdict_screen import screen
+from taction.verification.report.views.answer_view import (
+    answer_text,
+    check_bar,
+    screen,
+    true_error_text,
+)
 from taction.verification.report.views.verdict_view import view
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, cause

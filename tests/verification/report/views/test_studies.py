@@ -16,7 +16,7 @@ from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.report.blocks import Bars, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
-from taction.verification.report.views.sweep_view import Plane
+from taction.verification.report.views.sweep_view import maps
 from tests.support.entries import grid_plan
 from tests.support.report_pages import STUDIES, VERDICTS, page
 
@@ -101,10 +101,10 @@ def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
 
 def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
     plan = grid_plan("C=10pF:30pF:2:lin", "gain=1k:2k:2:lin")
-    plane = Plane(plan, np.array([[3.0, 3.0], [-1.0, -1.0]]))
-    assert plane.edge is not None
-    assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
-    assert "interpolated between the points" in plane.chart("", (), "").summary
+    rates = {"growth_rate": np.array([[3.0, 3.0], [-1.0, -1.0]])}
+    chart = next(maps(plan, rates, (), np.full((2, 2), "pass"), {}))
+    assert chart.marks[-1].x[:2] == pytest.approx([25e-12, 25e-12])
+    assert "interpolated between the points" in chart.summary
 
 
 DRAWN = Chart(

@@ -21,8 +21,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.report.blocks import Bars, Code, Notes, Page, Table
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
-from taction.verification.report.views.answer_view import check_bar
-from taction.verification.report.views.verdict_screen import screen
+from taction.verification.report.views.answer_view import check_bar, screen
 from taction.verification.report.views.verdict_view import load_bars, view
 from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.checks import Check, Outcome
