@@ -12,9 +12,11 @@ from __future__ import annotations
 import json
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Literal
+
+import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.kicad import symbols
@@ -260,6 +262,19 @@ def kicad_project(circuit: Circuit, scene: Scene) -> dict[str, str]:
         "sym-lib-table": TABLE.format(scene.name),
     }
     return files
+
+
+def channel_sheet(circuit: Circuit, scene: Scene, k: int, n: int) -> SchematicSheet:
+    """Draw sensor row k and channel n, from 0; of each matrix only the resistor of both."""
+    only = np.zeros(circuit.shape, dtype=np.bool_)
+    only[k, n] = True
+    few = (replace(each, ohms=np.where(only, each.ohms, np.inf)) for each in circuit.matrices)
+    parts = BoardParts(replace(circuit, matrices=tuple(few)), scene)
+    drawing, top = BranchDrawing(parts, SchematicSheet(circuit.name)), TOP
+    for branch in branches(parts):
+        if branch.name in (f"channel-{n + 1}", f"row-{k + 1}"):
+            top = drawing.branch(top, branch)
+    return drawing.sheet
 
 
 def _draw_first(drawing: BranchDrawing, names: list[str]) -> None:

@@ -5,6 +5,7 @@ The grid is KiCad's, 1.27 mm; all ends of pins and wires are on it, and wires me
 
 from __future__ import annotations
 
+import html
 import uuid
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
@@ -13,14 +14,18 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol, SymbolPart
+from taction.system.foreign_files import visible
 
 NAMES = uuid.UUID("6ba7b812-9dad-11d1-80b4-00c04fd430c8")  # the namespace of OIDs
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 GRID = 1.27  # mm
 FRAME, TITLE_BLOCK = 15.0, 45.0  # mm beside the drawing, and below it
 TEXT, TITLE = 1.27, 2.0  # height of a text and of a title, mm
-TURN = {0: (1, 0), 90: (0, 1)}  # cosine and sine, counterclockwise
+TURN = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}  # cosine and sine, counterclockwise
 BOX = (24, 6)  # width and height of a sheet as a box, steps of the grid
+DOT, BESIDE, PIXELS = 0.35, 4.0, 7.5  # of SVG: radius of a junction, margin; pixels of a step
+ANCHORS = {"left": "start", "middle": "middle", "right": "end"}
+LOWER = {"text": 0.4, "label": -0.4}  # the line on which a text stands, below its place
 HEAD = '(version 20231120) (generator "taction")'  # the format of KiCad 8 and newer
 
 
@@ -118,6 +123,39 @@ class SchematicSheet:
         for placed in self.placed:
             ends.update(placed.pin(place) for place in range(len(placed.part.pins)))
         return sorted(point for point, count in ends.items() if count >= 3)
+
+    def svg(self) -> str:
+        """Return the page as SVG in the colour of the text around it."""
+        lines: list[tuple[Point, ...]] = [*self.segments]
+        circles = [(*at, DOT, "currentColor") for at in self.junctions()]
+        texts = [*self.labels]
+        for each in self.placed:
+            part, symbol = each.part, each.part.symbol
+            lines += (tuple(map(each.turned, path)) for path in symbol.lines[part.unit - 1])
+            for pin in part.pins:
+                (x, y), (right, up) = pin.at, TURN[pin.direction]
+                end = x + right * pin.length, y + up * pin.length
+                lines.append((each.turned(pin.at), each.turned(end)))
+            circles += [(*each.at, symbol.radius / GRID, "none")] * bool(symbol.radius)
+            deck = part.fields.get("Deck", part.reference)
+            named = (deck, each.reference), (part.value, each.value)
+            texts += [Label(text, at, "middle") for text, at in named if at]
+        points = (point for path in (*lines, [each.at for each in texts]) for point in path)
+        across, down = zip(*points, strict=True)
+        left, top = min(across) - BESIDE, min(down) - BESIDE
+        width, height = max(across) + BESIDE - left, max(down) + BESIDE - top
+        shapes = [f'<path d="M{" L".join(f"{x:g} {y:g}" for x, y in path)}"/>' for path in lines]
+        shapes += [f'<circle cx="{x}" cy="{y}" r="{r:g}" fill="{f}"/>' for x, y, r, f in circles]
+        shapes += [
+            f'<text x="{e.at[0]:g}" y="{e.at[1] + LOWER[e.kind]:g}" font-size="{e.size:g}"'
+            f' text-anchor="{ANCHORS[e.anchor]}" fill="currentColor" stroke="none">'
+            f"{html.escape(visible(e.text))}</text>"
+            for e in texts
+        ]
+        return (
+            f'<svg viewBox="{left:g} {top:g} {width:g} {height:g}" width="{PIXELS * width:.0f}"'
+            f' fill="none" stroke="currentColor" stroke-width="0.15">{"".join(shapes)}</svg>'
+        )
 
     def schematic(self, title: str, comments: tuple[str, ...], shared: Collection[str]) -> str:
         """Return the file ``.kicad_sch``; `shared` are the nets that several sheets have."""

@@ -121,6 +121,16 @@ class Bars:
 
 
 @dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawing as SVG, which escapes its texts; `summary` says what it shows."""
+
+    kind: ClassVar[str] = "drawing"
+    title: str
+    svg: str
+    summary: str
+
+
+@dataclass(frozen=True, slots=True)
 class Facts:
     """Names and values."""
 
@@ -149,7 +159,7 @@ class Notes:
     outcome: Outcome = ""
 
 
-Block = Table | Bars | Chart | Facts | Code | Notes
+Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
 Content = Block | str | Mapping[str, str] | None
 """What stands in a section: a text is a line of notes, a mapping has names and values."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.kicad.board import channel_sheet
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words, size_words
 from taction.spice_models.presets import opamp_name
@@ -16,7 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit
 from taction.system.quantities import counted, quantity, readable, sizes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Code, Content, Page, Section, Table
+from taction.verification.report.blocks import Code, Content, Drawing, Page, Section, Table
 from taction.verification.report.views.opamp_view import parts_content
 from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.verify import Verdict
@@ -46,8 +47,15 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
     )
 
 
-def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
-    """Return the matrix and the numbers of the board."""
+def board_blocks(circuit: Circuit, scene: Scene) -> tuple[Content, ...]:
+    """Return the middle channel and the sensor row it drives most, the matrix, and the numbers."""
+    n = circuit.shape[1] // 2
+    k = int(np.argmin(circuit.forward_ohms[:, n]))
+    text = (
+        f"Channel {n + 1} and sensor row {k + 1}. Of each matrix only the resistor between the two"
+        " is drawn; stray capacitances and supplies are not."
+    )
+    drawing = Drawing("One channel", channel_sheet(circuit, scene, k, n).svg(), text)
     rows = {
         f"{opamp_name(name)}, {title}": quantity(getattr(model, figure), unit)
         for name, model in circuit.models.items()
@@ -55,7 +63,7 @@ def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
     }
     rows["supply"] = f"±{quantity(circuit.supply, 'V')}"
     level = "small signal" if circuit.is_small_signal else "large signal"
-    return matrix_chart(circuit), rows | {"level of the op-amp models": level}
+    return drawing, matrix_chart(circuit), rows | {"level of the op-amp models": level}
 
 
 def _problem_charts(scene: Scene) -> list[Chart]:

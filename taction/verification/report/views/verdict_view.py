@@ -89,7 +89,7 @@ def view(
             Section("Error budget", lambda: _rest_parts(verdict), media=detailed),
             Section("Headroom", lambda: _headroom(verdict)),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
-            Section("Board", lambda: boards.board_blocks(circuit), media="page"),
+            Section("Board", lambda: boards.board_blocks(circuit, verdict.scene), media="page"),
             Section("Left out", lambda: boards.omissions(circuit), media="page"),
             Section(
                 "Parts list", lambda: boards.parts_blocks(circuit, verdict.scene), media="page"

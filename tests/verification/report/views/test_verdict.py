@@ -18,7 +18,7 @@ from taction.spice_models.input_errors import MOST
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Bars, Code, Notes, Page, Table
+from taction.verification.report.blocks import Bars, Code, Drawing, Notes, Page, Table
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
 from taction.verification.report.views.answer_view import check_bar, screen
@@ -132,10 +132,15 @@ def test_the_parts_list_counts_every_part() -> None:
     assert any(f"dissipation {power} at rest" in line for lines in notes for line in lines)
 
 
-def test_the_deck_to_copy_is_the_deck_that_runs() -> None:
-    code = block("passing", Code, "the deck")
-    assert code.text.rstrip().endswith(".end")
-    assert ".tran" in code.text
+@pytest.mark.parametrize("name", VERDICTS)
+def test_one_channel_is_drawn_with_the_parts_of_the_deck_that_runs(name: str) -> None:
+    deck, drawing = block(name, Code, "the deck").text, block(name, Drawing, "One channel")
+    assert deck.rstrip().endswith(".end")
+    assert ".tran" in deck
+    texts = re.findall(r">([^<>]+)</text>", drawing.svg)
+    cards = {text for text in texts if text[0] in "RC" and "_" in text}
+    assert cards <= set(deck.split())
+    assert {each[:2] for each in cards} >= {"Rf", "Rb", "Cc"}
 
 
 def test_what_moves_the_rest_most_moves_it_so_far() -> None:
