@@ -66,10 +66,7 @@ def regression_view(report: RegressionReport) -> Page:
         ),
         sections=(
             Section("Scenes", scenes),
-            *(
-                Section(f"{each.file}: {each.status.value}", tuple(_scene(each)))
-                for each in report.results
-            ),
+            *(section for each in report.results for section in _scene(each)),
             origin_section(None, (("baseline", report.baseline),)),
         ),
     )
@@ -81,7 +78,14 @@ def _passing(checks: Iterable[Check]) -> str | None:
     return f"{sum(passed)} of {len(passed)} pass" if passed else None
 
 
-def _scene(result: SceneResult) -> Iterator[Content]:
+def _scene(result: SceneResult) -> tuple[Section, Section]:
+    """Return what changed in a scene, and its output, which a page draws."""
+    title = f"{result.file}: {result.status.value}"
+    drawn = Section(title, lambda: _output(result), media="page")
+    return Section(title, tuple(_changes(title, result))), drawn
+
+
+def _changes(title: str, result: SceneResult) -> Iterator[Content]:
     """Yield what changed in a scene; a terminal shows the largest changes."""
     lines = tuple(map(readable, remarks(result)))
     if result.status is Status.SAME or not (result.changes or lines):
@@ -92,10 +96,25 @@ def _scene(result: SceneResult) -> Iterator[Content]:
         "times": lambda each: _off(each.off),
         "note": "note",
     }
-    yield Notes(f"{result.file}: {result.status.value}", lines)
+    yield Notes(title, lines)
     note, more = "Times: the difference over the tolerance.", "{} more: --json has all."
     yield Table.of("Changes", result.changes, columns, note, {"terminal": SHOWN}, more)
     yield Bars("Checks", tuple(map(check_bar, result.checks)), brief=True)
+
+
+def _output(result: SceneResult) -> charts.Chart | None:
+    """Return the output whose readings changed most, now and in the baseline, if both have it."""
+    n = next((each.channel for each in result.changes if each.channel), 1)
+    then, now = (each.curve(n) if each else None for each in (result.baseline, result.entry))
+    if then is None or now is None or not result.changes:
+        return None
+    text = "Dashed: the baseline. The output is the first in the table of changes, else u1."
+    marks = (
+        charts.Curve(then[0], then[1], "baseline", "muted", "dash", width=2.5),
+        charts.Curve(now[0], now[1], "now"),
+    )
+    axes = charts.TIME, charts.Axis("output", "V")
+    return charts.Chart(f"Output u{n}, now and in the baseline", *axes, marks, text, height=300)
 
 
 VALUES = {

@@ -17,10 +17,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from taction.netlist_gen.scene.check_keys import Regression
 from taction.netlist_gen.scene.keys import files_of, scene_text
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.documents import INLINE, plain, read
+from taction.system.array_types import Floats
+from taction.system.charts import thinned
+from taction.system.documents import INLINE, OPTIONAL, plain, read
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import check_folder, printable, write_atomically
@@ -42,6 +46,7 @@ from taction.verification.verdict.record import (
 from taction.verification.verdict.verify import Verdict
 
 FORMAT = 6
+POINTS = 120  # of the curve of a channel
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 
@@ -61,10 +66,23 @@ class Entry:
     solved_by: str  # engine with its version, matrix solver and integration method
     # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
     record: Annotated[Record, INLINE]
+    # Some instants, s, and the output at these, V, of each channel of a stable board, as texts of
+    # numbers. A report draws them, and nothing compares them; older baselines have none.
+    curves: Annotated[tuple[tuple[str, str], ...] | None, OPTIONAL] = None
 
     def __post_init__(self) -> None:
         if self.record.value("growth_rate") is None:
             raise ValueError("growth_rate is missing")
+        for n in range(len(self.curves or ())):
+            if len({len(numbers) for numbers in self.curve(n + 1) or ()}) != 1:
+                raise ValueError("curves: expected as many outputs as instants")
+
+    def curve(self, n: int) -> tuple[Floats, Floats] | None:
+        """Return the stored instants, s, and outputs, V, of channel `n` from 1; None without."""
+        if not 1 <= n <= len(self.curves or ()):
+            return None
+        time, u = (np.array(text.split(), dtype=np.float64) for text in (self.curves or ())[n - 1])
+        return time, u
 
     @property
     def stable(self) -> bool:
@@ -89,7 +107,14 @@ def observe(verdict: Verdict) -> Entry:
         taction=metadata.version("taction"),
         solved_by=verdict.waveforms.simulator,
         record=Record.of(verdict).without_run_time(),
+        curves=tuple(_curves(verdict)) if verdict.poles.known_stable else None,
     )
+
+
+def _curves(verdict: Verdict) -> Iterator[tuple[str, str]]:
+    for column in verdict.u.T:
+        x, y = thinned(verdict.waveforms.time, column, POINTS)
+        yield " ".join(f"{t:.4g}" for t in x.tolist()), " ".join(f"{u:.4g}" for u in y.tolist())
 
 
 def keys_of(scene: Scene) -> dict[str, str]:
@@ -384,13 +409,16 @@ def _without(error: BaseException | None, reason: str, path: Path, _: Entry | No
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:
     """Return the entries of the updated baseline.
 
-    An unchanged scene keeps its entry, so small changes cannot add up from update to update. A
+    An unchanged scene keeps its entry, so small changes cannot add up from update to update; it
+    gets the curves that an older taction did not store. A
     scene that fails or has no verdict is left as it was, or out.
     """
     entries = {}
     for result in report.results:
         old, new = baseline.get(result.file), result.entry
         keep = new is None or result.failed or result.status in KEPT or _unchanged(result)
+        if old is not None and new is not None and old.curves is None and _unchanged(result):
+            old = replace(old, curves=new.curves)
         if result.status is not Status.MISSING and (chosen := old if keep else new) is not None:
             entries[result.file] = chosen
     return entries

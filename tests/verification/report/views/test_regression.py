@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from lxml import etree
 
+from taction.system.charts import Chart
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.run_cases import (
     CaseJudgement,
@@ -67,6 +69,16 @@ RESULTS = (
     SceneResult("bad.toml", Status.BAD_INPUT, reason=NASTY),
     SceneResult("later.toml", Status.NOT_RUN, reason="interrupted"),
 )  # fmt: skip
+
+
+def test_the_output_that_changed_most_is_drawn_now_and_in_the_baseline() -> None:
+    then, now = (entry(curves=[["0 1e-6", f"0 {volts}"]]) for volts in (1, 2))
+    moved = Difference("channels", "final", 1, 1.0, 2.0, "V", 1.0, 1e-3, 1e3)
+    result = scene("moved", Status.CHANGED, PASS, moved, entry=now, baseline=then)
+    (drawn,) = (each for each in view(report(result)).blocks() if isinstance(each, Chart))
+    assert [mark.y.tolist() for mark in drawn.marks] == [[0.0, 1.0], [0.0, 2.0]]
+    blocks = view(report(replace(result, baseline=entry()))).blocks()  # of an older taction
+    assert not any(isinstance(each, Chart) for each in blocks)
 
 
 def report(*results: SceneResult, updated: bool = False) -> RegressionReport:

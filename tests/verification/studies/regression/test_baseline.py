@@ -34,7 +34,10 @@ from tests.support.entries import channel, entry, write_fast
 
 
 def test_a_baseline_is_read_as_it_was_written(tmp_path: Path) -> None:
-    entries = {"b.toml": entry(name="b"), "a.toml": entry(alternatives={"settling_time": None})}
+    entries = {
+        "b.toml": entry(name="b", curves=[["0 1e-6", "0 1"]]),
+        "a.toml": entry(alternatives={"settling_time": None}),
+    }
     file = tmp_path / "baseline.json"
     file.write_text(baseline_text(entries))
     assert load_baseline(file) == entries
@@ -59,6 +62,8 @@ WRONG = {
     broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
     broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
     broken({"growth_rate": None}): "growth_rate",
+    broken({"curves": [["0 1e-6", "0"]]}): "expected as many outputs as instants",
+    broken({"curves": [["0", "much"]]}): "damaged",
     broken({"surprise": 1}): "scenes: damaged: has a key that no baseline has",
 }
 
@@ -320,6 +325,17 @@ def test_an_entry_within_its_tolerances_stays(tmp_path: Path, passing: dict[str,
     write_fast(tmp_path / "a.toml", capacitance="10.001pF")  # the same numbers, another scene
     renewed = updated_baseline(run(tmp_path, older, update=True), older)
     assert renewed["a.toml"].taction != "older"
+
+
+def test_a_baseline_without_curves_gets_them(tmp_path: Path, passing: dict[str, Entry]) -> None:
+    write_fast(tmp_path / "a.toml")
+    older = {"a.toml": replace(passing["a.toml"], curves=None)}
+    report = run(tmp_path, older, update=True)
+    assert only(report).status is Status.SAME
+    assert updated_baseline(report, older) == passing
+    curve, channel = passing["a.toml"].curve(1), passing["a.toml"].record.channels[0]
+    assert curve is not None
+    assert curve[1][-1] == pytest.approx(channel.figures["final"], rel=1e-3)
 
 
 def test_ctrl_c_keeps_what_was_done(
