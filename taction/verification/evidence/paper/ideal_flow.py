@@ -9,11 +9,12 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.errors import SolverError
 from taction.system.reading_definitions import SETTLING_BAND
-from taction.verification.reference.ideal_answer import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealAnswer, IdealNetwork
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 
 TOLERANCE = 1e-10
 """Relative tolerance of the integrator."""
+INSTANTS = 2000  # of a record at which its energy is found
 DECAYED = 1e8  # times: by so much the slowest mode decays in a trajectory
 
 
@@ -45,6 +46,37 @@ def settling_time(time: Floats, outputs: Floats, band: float = SETTLING_BAND) ->
     last = int(outside[-1])
     share = (away[last] - limit) / (away[last] - away[last + 1])
     return float(time[last] + share * (time[last + 1] - time[last]))
+
+
+def ideal_record(answer: IdealAnswer) -> tuple[Floats, Floats]:
+    """Return instants (P,), s, and outputs (P, N), V, of the ideal network from its start to rest.
+
+    SolverError: as `ScaledNetwork.trajectory`.
+    """
+    network, solution = answer.network, answer.solution
+    if network.amplifier == "linear":
+        return linear_outputs(network)
+    scaled, rest = ScaledNetwork(network), solution.u if solution.v is None else solution.v
+    run = scaled.trajectory(scaled.g.inverse(answer.start / network.U0), rest)
+    time = np.append(0.0, np.geomspace(1e-6 * run.t_max, run.t_max, 4000))
+    return network.RC * time, np.asarray(network.U0 * scaled.g.g(run(time).T))
+
+
+def energy_rise(network: IdealNetwork, time: Floats, u: Floats) -> tuple[float, float] | None:
+    """Return by how much the energy of outputs `u` (P, N), V, rises at most above its least so far.
+
+    It is a share of the whole fall, beside its instant, s. None: the energy never falls, or an
+    output leaves the range of its amplifier, where there is none.
+    """
+    scaled, every = ScaledNetwork(network), max(len(time) // INSTANTS, 1)
+    with np.errstate(all="ignore"):
+        x = scaled.g.inverse(u[::every] / network.U0)
+        energy = np.array([scaled.energy(row) for row in x])
+    fall, above = energy[0] - energy.min(), energy - np.minimum.accumulate(energy)
+    if not (np.isfinite(energy).all() and fall > 0.0):
+        return None
+    peak = int(np.argmax(above))
+    return float(above[peak] / fall), float(time[::every][peak])
 
 
 class ScaledNetwork:

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.system.errors import SolverError
 from taction.system.quantities import banded, quantity, readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.reference.problem import Solution
@@ -276,8 +277,28 @@ def _effort(verdict: Verdict) -> dict[str, str]:
     }
     if plane := _constraint_plane(verdict.circuit):
         facts["constraint plane"] = plane
+    if verdict.ideal.network.RC:  # without capacitors it is at rest at once
+        facts |= _ideal_flow(verdict)
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return facts | {"run time": ", ".join(stages)}
+
+
+def _ideal_flow(verdict: Verdict) -> dict[str, str]:
+    """Return when the ideal network settles, and how far the energy of the record rises."""
+    from taction.verification.evidence.paper import ideal_flow as flow
+
+    try:
+        when = flow.settling_time(*flow.ideal_record(verdict.ideal), verdict.measurements.band)
+        found = {"the ideal network settles in": quantity(when, "s", 3)}
+    except SolverError as error:
+        found = {"the ideal network settles in": f"unknown: {error}"}
+    rise = flow.energy_rise(verdict.ideal.network, verdict.waveforms.time, verdict.u)
+    if rise is None:
+        return found
+    share = (
+        f"rises by at most {figure(rise[0], 'step', 2)} of its fall, at {quantity(rise[1], 's')}"
+    )
+    return found | {"energy": f"{share}; that of the ideal network never rises"}
 
 
 def _constraint_plane(circuit: Circuit) -> str:

@@ -12,10 +12,12 @@ from scipy.linalg import expm
 from taction.system.errors import SolverError
 from taction.verification.evidence.paper.ideal_flow import (
     ScaledNetwork,
+    energy_rise,
+    ideal_record,
     linear_outputs,
     settling_time,
 )
-from taction.verification.reference.ideal_answer import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealAnswer, IdealNetwork
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from tests.support.oracle import kernel
@@ -54,6 +56,20 @@ def test_other_amplifiers_against_lsoda(amplifier: str, lam: float) -> None:
     )  # fmt: skip
     found, size = scaled.g.g(other.y), np.abs(wanted.u).max()
     assert scaled.g.g(run(times)) == pytest.approx(found, abs=1e-7 * size)
+
+
+@pytest.mark.parametrize(("amplifier", "lam"), [("linear", 0.1), ("rectifier", 0.2)])
+def test_one_channel_settles_as_the_closed_form(amplifier: str, lam: float) -> None:
+    """A rectifier is linear above zero; the energy is a parabola around the rest."""
+    network = IdealNetwork(np.ones((1, 1)), np.ones(1), lam, 1e-6, 2.0, amplifier, Ve=0.2)
+    answer = IdealAnswer(network, network.rest, np.zeros(1), 2.0 * network.rest.u, 0.0, "")
+    time, u = ideal_record(answer)
+    assert u[-1, 0] == pytest.approx(2.0 / 1.1, rel=1e-7)
+    assert settling_time(time, u, 0.01) == pytest.approx(1e-6 * np.log(100.0) / 11.0, rel=1e-4)
+    assert energy_rise(network, time, u)[0] < 1e-9
+    beyond = u[-1, 0] * np.array([[0.0], [1.0], [1.5], [1.0]])  # a quarter of the fall, at 2 s
+    assert energy_rise(network, np.arange(4.0), beyond) == pytest.approx((0.25, 2.0), rel=1e-6)
+    assert energy_rise(network, np.arange(2.0), 0.0 * beyond[:2]) is None
 
 
 def test_stiffness_does_not_depend_on_the_capacitor() -> None:

@@ -18,7 +18,8 @@ from taction.spice_models.input_errors import MOST
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Bars, Code, Drawing, Notes, Page, Table
+from taction.verification.evidence.paper.ideal_flow import linear_outputs, settling_time
+from taction.verification.report.blocks import Bars, Code, Drawing, Facts, Notes, Page, Table
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
 from taction.verification.report.views.answer_view import check_bar, screen
@@ -141,6 +142,16 @@ def test_one_channel_is_drawn_with_the_parts_of_the_deck_that_runs(name: str) ->
     cards = {text for text in texts if text[0] in "RC" and "_" in text}
     assert cards <= set(deck.split())
     assert {each[:2] for each in cards} >= {"Rf", "Rb", "Cc"}
+
+
+def test_the_ideal_network_and_the_energy_are_beside_the_effort() -> None:
+    facts = dict(row for each in page("passing").blocks() if isinstance(each, Facts)
+                 for row in each.rows)  # fmt: skip
+    network = verdicts()["passing"].ideal.network
+    time, u = linear_outputs(network)
+    when = quantity(settling_time(time, u, verdicts()["passing"].measurements.band), "s", 3)
+    assert facts["the ideal network settles in"] == when
+    assert facts["energy"].endswith("; that of the ideal network never rises")
 
 
 def test_what_moves_the_rest_most_moves_it_so_far() -> None:
