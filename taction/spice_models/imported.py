@@ -10,10 +10,8 @@ from taction.spice_models.branches import Branch
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
 REST = "nc"
-DEVICE = "xdevice"
-"""The instance of a subcircuit on its bench, and in the deck of a board."""
-COMPENSATION = "comp"
-"""Role of two ports between which a part needs its compensation capacitor."""
+DEVICE = "xdevice"  # the instance of a subcircuit on its bench, and in the deck of a board
+COMPENSATION = "comp"  # role of two ports between which a part needs its compensation capacitor
 
 
 @dataclass(frozen=True, slots=True)

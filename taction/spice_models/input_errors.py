@@ -21,21 +21,19 @@ from typing import Any, Literal
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.spice_models.presets import opamp_name
 
-NONE = {
+NONE = {  # the figures of the input errors, and their values without an error
     "offset_voltage": 0.0,
     "bias_current": 0.0,
     "offset_current": 0.0,
     "common_mode_rejection": math.inf,
 }
-"""The figures of the input errors, and their values without an error."""
 
 CHANGES = {
     "offset_drift": "offset_voltage",
     "supply_rejection": "offset_voltage",
     "bias_drift": "bias_current",
     "offset_current_drift": "offset_current",
-}
-"""Changes of the input errors with temperature and supply, and the figure that each adds to."""
+}  # changes of the input errors with temperature and supply, and the figure that each adds to
 
 ROOM = 25.0  # degrees C: where the figures of a sheet hold
 DECIBELS = ("common_mode_rejection", "supply_rejection")

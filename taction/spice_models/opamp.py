@@ -39,8 +39,7 @@ RANGES: dict[str, tuple[str, Callable[[float], bool]]] = {
     **dict.fromkeys(_ABOVE_ZERO.split(), ("above 0", lambda value: value > 0.0)),
     **dict.fromkeys(_ZERO_OR_MORE.split(), ("finite, 0 or more", lambda v: 0.0 <= v < math.inf)),
     **dict.fromkeys(_SIGNED.split(), ("finite", math.isfinite)),
-}
-"""What the values of figures must be, in words and as a test."""
+}  # what the values of figures must be, in words and as a test
 
 
 @dataclass(frozen=True, slots=True)

@@ -186,15 +186,10 @@ class Circuit(Result):
         """Return the names in the deck of the parts with a role."""
         return self.roles.get(role, ())
 
-    def resistors_of(self, role: str) -> tuple[boards.Resistor, ...]:
-        """Return the resistors with a role, in the order of the board."""
+    def parts_of(self, role: str) -> tuple[Any, ...]:
+        """Return the resistors and capacitors with a role, in the order of the board."""
         names = self.named(role)
-        return tuple(part for part in self.resistors if part.card in names)
-
-    def capacitors_of(self, role: str) -> tuple[boards.Capacitor, ...]:
-        """Return the capacitors with a role, in the order of the board."""
-        names = self.named(role)
-        return tuple(part for part in self.capacitors if part.card in names)
+        return tuple(p for p in (*self.resistors, *self.capacitors) if p.card in names)
 
     @property
     def real_capacitors(self) -> tuple[boards.Capacitor, ...]:

@@ -25,11 +25,10 @@ from taction.system.results import Result
 
 FORMAT = 3
 LEAST, MOST = 1e-30, 1e30  # SI base units: beyond is no op-amp, and no arithmetic
-FIGURES_LEAST = {
+FIGURES_LEAST = {  # the least value of a figure that is not negative
     "dc_gain": LEAST, "unity_gain_bandwidth": LEAST, "output_resistance": 0.0,
     "supply_current": 0.0, "slew_rate": LEAST, "swing": 0.0,
 }  # fmt: skip
-"""The least value of a figure that is not negative."""
 
 
 @dataclass(frozen=True, slots=True)

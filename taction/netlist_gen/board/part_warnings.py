@@ -129,7 +129,7 @@ class AcceptedParts:
 
 def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, BrokenLimit]:
     """Return the warnings by the kind of part and the limit that it breaks."""
-    stray = max((part.farads for part in circuit.capacitors_of(Role.STRAY)), default=0.0)
+    stray = max((part.farads for part in circuit.parts_of(Role.STRAY)), default=0.0)
     known, found = _values(circuit, rest), dict[str, BrokenLimit]()
     for limits in LIMITS:
         own = replace(limits, least=stray) if limits.unit == "F" else limits
@@ -158,13 +158,13 @@ def _values(circuit: Circuit, rest: Rest | None) -> dict[str, dict[str, float]]:
         names = {name for role in limits.roles for name in circuit.named(role)}
         parts = (part for part in circuit.resistors if part.card in names)
         found[limits.kind] = {part.card: part.ohms for part in parts}
-    signal = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    signal = circuit.parts_of(Role.SIGNAL_CAPACITOR)
     found["capacitors C"] = {part.card: part.farads for part in signal}
     amps = {source.card: abs(source.amps) for source in circuit.currents if source.amps}
     largest = max(amps, key=amps.__getitem__, default="")
     found["largest strain currents"] = {largest: amps[largest]} if amps else {}
     volts = {source.node: source for source in circuit.voltages if source.switched}
-    for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
+    for part in circuit.parts_of(Role.STRAIN_RESISTOR):
         if (source := volts.get(part.a)) is not None:
             amps[source.card] = abs(source.volts) / part.ohms
     found["strain currents"] = amps

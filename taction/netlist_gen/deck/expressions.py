@@ -20,8 +20,7 @@ SUFFIXES = {
 _NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
 LONGEST = 20_000  # characters of a line, with its continuations, and of an expression written anew
 DEEPEST = 50  # parentheses within one another
-OWN = "_taction_"
-"""In names of cards that are made: such parts are no knobs."""
+OWN = "_taction_"  # in names of cards that are made: such parts are no knobs
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source; (): 1."""
 NOT_LINEAR = (
@@ -86,8 +85,7 @@ def _evaluated(text: str, leaf: Callable[[str | float], _Ratio], refused: str) -
         raise ValueError(f"a number that is not finite; {refused}") from None
 
 
-Coefficient = float | str
-"""A number, or an expression of parameters."""
+Coefficient = float | str  # a number, or an expression of parameters
 Form = dict[tuple[str, ...], Coefficient]
 """Coefficients by the product of unknowns, such as ``("s", "s")``; those that are 0 are absent."""
 HIGHEST = 12  # order of a transfer function
@@ -296,12 +294,11 @@ def _point(text: str) -> str:
 
 
 FARADS = 1e-9  # of a state
-_LAPLACE = (
+_LAPLACE = (  # of PSpice, of LTspice, and of LTspice's B
     re.compile(r"([eg]\S*) (\S+) (\S+) laplace ?=? ?\{(?P<inner>[^{}]*)\} ?=? ?[{(](.*)[)}]"),
     re.compile(r"([eg]\S*) (\S+) (\S+) (?P<plus>\S+) (?P<minus>\S+) laplace ?= ?(.+)"),
     re.compile(r"(b\S*) (\S+) (\S+) (?P<kind>[vi]) ?= ?(?P<inner>.+?) laplace ?= ?(.+)"),
 )
-"""Of PSpice, of LTspice, and of LTspice's B."""
 _OPAMP = re.compile(r"(e\S*) (\S+) (\S+) opamp (\S+) (\S+)")
 _NUMERICAL = re.compile(r" (?:window|nfft|mtol) ?= ?\S+")  # of LTspice's inverse transform
 

@@ -26,13 +26,12 @@ from taction.netlist_gen.board.circuit import (
 from taction.netlist_gen.deck.expressions import OWN, affine, number
 from taction.spice_models.branches import Branch, Source, label_of
 
-OHMIC = {
+OHMIC = {  # parameters of a model that are resistances in series with its terminals, by terminal
     "d": (("rs",),),
     "q": (("rc",), ("rb", "rbm", "irb"), ("re",)),
     "j": (("rd",), (), ("rs",)),
     "m": (("rd", "rsh"), (), ("rs", "rsh")),
 }
-"""Parameters of a model that are resistances in series with its terminals, by terminal."""
 SHEET = (("rsh",), (), ("rsh",))  # of a MOS transistor of another level than `LEVELS`
 LEVELS = (None, "1", "2", "3")
 BSIM4 = ("14", "54")  # which has a sheet only where nrd or nrs are given
@@ -45,8 +44,7 @@ _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
 ACCEPTED = (
     "accepted are R C L K V I E F G H B, D Q J M with a .model, switches S W, and subcircuits X"
 )
-Models = Mapping[str, tuple[str, str]]
-"""Kind and card of each model, by name."""
+Models = Mapping[str, tuple[str, str]]  # kind and card of each model, by name
 
 
 class CardError(ValueError):
@@ -254,8 +252,7 @@ PARTS = {
     "f": ("gain", "", 3, "two nodes, a voltage source"),
     "g": ("transconductance", "S", 4, "four nodes"),
     "h": ("transresistance", "ohm", 3, "two nodes, a voltage source"),
-}
-"""Parts that are knobs: what they are, their unit, and the names that stand before the number."""
+}  # parts that are knobs: what they are, their unit, and the names that stand before the number
 IDLE = {"tc1", "tc2", "tc", "noisy", "ic"}  # without effect at 27 degrees C, or on poles
 PASSIVE = ("r", "res", "c", "l")  # kinds of their models
 _PASSIVE = re.compile(r"\.model \S+ \w+ ?\(?([^()]*)\)?")

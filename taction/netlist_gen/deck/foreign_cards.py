@@ -28,7 +28,7 @@ MOST_LEVELS = 30  # of subcircuits within one another
 MOST_COUPLINGS = 200  # that one card K stands for
 LEVELS = "levels of subcircuits within one another"
 WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
-SPELT = str.maketrans(
+SPELT = str.maketrans(  # characters of values, and what is read for them
     {
         "\N{MICRO SIGN}": "u",
         "\N{GREEK SMALL LETTER MU}": "u",
@@ -37,7 +37,6 @@ SPELT = str.maketrans(
         "\N{NO-BREAK SPACE}": " ",
     }
 )
-"""Characters of values, and what is read for them."""
 SIGNS = "\N{SECTION SIGN}\N{DEGREE SIGN}"  # in names, beside letters of other alphabets
 _FOREIGN = re.compile(r"[^\x00-\x7f]")
 MISSING = {
@@ -99,8 +98,7 @@ PARASITIC = {
     "c": (("rser", "lser"), ("rpar", "cpar")),
     "l": (("rser",), ("rpar", "cpar")),
     "v": (("rser",), ("cpar",)),
-}
-"""Parts within resistors, capacitors, coils and sources, in series with them, and across them."""
+}  # parts within resistors, capacitors, coils and sources, in series with them, and across them
 IDLE = {"tol", "pwr", "v", "irms", "mfg", "pn", "type", "ipk"}
 """What a catalogue says of a part, without effect."""
 _GIVEN = re.compile(r"\s+([a-z]\w*)\s*=\s*(\{[^{}]*\}|\S+)")
@@ -112,11 +110,10 @@ _THERMAL = re.compile(
 )  # no effect at 27 degrees C, or on poles
 _COMMA = re.compile(r"(\{[^{}]*\}|= ?[a-z_]\w* ?\([^()]*\))|,")  # those in expressions stay
 _PORT = re.compile(r" portnum ?=? ?\d+(?: z0 ?=? ?(\S+))?(?: (?:pwr|freq|phase) ?=? ?\S+)*")
-DROPPED = (
+DROPPED = (  # what is left out of cards with these beginnings, and its name
     ("r", re.compile(r" ac ?= ?(?:\{[^{}]*\}|\S+)"), "its AC value ac="),
     (".model", re.compile(r"\bt_abs ?= ?(?:\{[^{}]*\}|[^ ,()]+)"), "T_ABS"),
 )
-"""What is left out of cards with these beginnings, and its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,11 +307,10 @@ def missing_cards(texts: Sequence[str]) -> tuple[list[str], list[str]]:
 # Switches of PSpice; those with thresholds are ngspice's own.
 _SMOOTH = re.compile(r"\.model (\S+) ([vi])switch\b(?!.*\b[vi][th] ?=)(.*)")
 _FIELD = re.compile(r"(\w+) ?= ?(\{[^{}]*\}|[^\s(),]+)")
-_RANGES = {
+_RANGES = {  # of PSpice's switches, by what controls them, with its values
     "v": {"ron": "1", "roff": "1meg", "von": "1", "voff": "0"},
     "i": {"ron": "1", "roff": "1meg", "ion": "1m", "ioff": "0"},
 }
-"""Of PSpice's switches, by what controls them, with its values."""
 _GROUND = re.compile(r"(?<=[\s(,])gnd(?=[\s),]|$)(?! ?=)")
 
 

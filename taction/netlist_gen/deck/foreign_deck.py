@@ -88,12 +88,11 @@ KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
     *(".if", ".elseif", ".else", ".endif"),
 )
-LETTERS = "rclkviefghxbdqjmsw"
-"""Devices that may stand in the text: no A, which may start programs."""
+LETTERS = "rclkviefghxbdqjmsw"  # devices that may stand in the text: no A, which may start programs
 NOT_LINEAR = re.compile(r"[dqjmswb]|[efgh].*(?:\bvalue\b|\bvol\b|\bcur\b|\{v)")
 _DIGITS = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*(?=[ )]|$))")
 _SET = re.compile(r"\b([a-z_][a-z0-9_]*) ?=(?!=)")
-REFUSED = (
+REFUSED = (  # what no card may hold, and the reason, with what was found
     (
         re.compile(r"^\.model \S+ (numd2?|nbjt2?|numos)\b"),
         "{} is a device of CIDER, which computes it from its mesh; expected a model that has"
@@ -119,7 +118,6 @@ REFUSED = (
         " V or I with pulse, pwl, sin or exp",
     ),
 )
-"""What no card may hold, and the reason, with what was found."""
 _NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
 
 

@@ -147,7 +147,7 @@ def read_ends(scene: Scene, path: str, body: str, option: str = "--over") -> tup
     return low, high
 
 
-LIMITS = {
+LIMITS = {  # options of a choice that stand for a value of the scene, and its key
     "settling": "checks.settling_time.max",
     "rise": "checks.rise_time.max",
     "overshoot": "checks.overshoot.max",
@@ -155,7 +155,6 @@ LIMITS = {
     "margin": "checks.stability.margin",
     "supply": "design.supply",
 }
-"""Options of a choice that stand for a value of the scene, and its key."""
 
 
 def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:

@@ -117,7 +117,7 @@ def _scene_suite(result: SceneResult, report: RegressionReport) -> ET.Element:
     properties = {name: entry.solved_by for name, entry in entries.items() if entry is not None}
     properties = {"status": result.status.value} | properties
     tests = _scene_tests(result, report)
-    return junit_suite(_path(result, report), tests, result.seconds, **properties)
+    return junit_suite(str(Path(report.folder) / result.file), tests, result.seconds, **properties)
 
 
 def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUnitTest]:
@@ -140,7 +140,3 @@ def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUni
             lines = [*map(comparison.change_line, changes)]
             text = "\n".join((*lines, *comparison.remarks(result)))
             yield JUnitTest(name, end, first_ones(lines, 1), text)
-
-
-def _path(result: SceneResult, report: RegressionReport) -> str:
-    return str(Path(report.folder) / result.file)

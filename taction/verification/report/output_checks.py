@@ -86,5 +86,8 @@ def _raw(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
     write_raw(path, waveforms)
 
 
-Writer = Callable[["Circuit", "Waveforms", Path], None]
-WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".raw": _raw}
+WRITERS: dict[str, Callable[[Circuit, Waveforms, Path], None]] = {
+    ".csv": _csv,
+    ".parquet": _parquet,
+    ".raw": _raw,
+}

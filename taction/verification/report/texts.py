@@ -152,7 +152,9 @@ def shown_by(column: Column) -> Callable[[Any], Shown]:
             return outcome_cell(value)
         if not isinstance(value, float):
             return readable(spaced(value)) if words == ["words"] and value else value
-        unit = words[0] if words else _unit(record, name)
+        kind: Any = type(record)
+        own = (part.unit for part in parts_of(kind) if part.attribute == name)
+        unit = words[0] if words else next(own, "")
         return number_cell(value, _part(record, unit[1:]) if unit.startswith("@") else unit, digits)
 
     return shown
@@ -160,12 +162,6 @@ def shown_by(column: Column) -> Callable[[Any], Shown]:
 
 def _part(record: Any, name: str) -> Any:
     return record[name] if isinstance(record, Mapping) else getattr(record, name)
-
-
-def _unit(record: Any, name: str) -> str:
-    """Return the unit of a field of a result, from its annotation."""
-    kind: Any = type(record)
-    return next((part.unit for part in parts_of(kind) if part.attribute == name), "")
 
 
 def rounded_up(value: float, digits: int = 1) -> float:

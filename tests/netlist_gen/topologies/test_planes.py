@@ -305,7 +305,7 @@ def test_the_deck_has_a_voltage_and_a_resistor_for_each_strain() -> None:
 
 def test_the_resistor_has_a_value_of_the_series_and_varies() -> None:
     circuit = input_board("voltage", resistor_series="E96", unit_conductance="8.2uS")
-    assert {part.ohms for part in circuit.resistors_of(Role.STRAIN_RESISTOR)} == {121e3}
+    assert {part.ohms for part in circuit.parts_of(Role.STRAIN_RESISTOR)} == {121e3}
     varied = {parameter.name for parameter in parameters(circuit, scene().tolerances)}
     assert {"Re_1", "Re_2", "Re_3"} <= varied
 
@@ -323,7 +323,7 @@ def test_a_share_of_the_ridge_term_stays(share: float) -> None:
     scene = design(amplifier="deadzone", ridge_share=share, gain="1Mohm")
     matrix, eps = np.array([[1.0, 0.3], [0.3, 1.0]]), np.array([3.0, 2.0])
     circuit = build(scene, matrix, eps)
-    ohms = [part.ohms for part in circuit.resistors_of(Role.RIDGE_RESISTOR)]
+    ohms = [part.ohms for part in circuit.parts_of(Role.RIDGE_RESISTOR)]
     assert ohms == pytest.approx([circuit.value("R") / (1.0 - share)] * 2 if share < 1.0 else [])
     answer = solve(ideal_network(matrix_problem(matrix, eps), scene).problem)
     assert outputs_at_rest(circuit) == pytest.approx(answer.u, rel=1e-3)

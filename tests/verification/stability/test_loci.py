@@ -33,7 +33,7 @@ def capacitor_loci(
 
 
 def capacitors(circuit: Circuit) -> PortResponse:
-    parts = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    parts = circuit.parts_of(Role.SIGNAL_CAPACITOR)
     return PortResponse.of_parts(LinearBoard(circuit), parts)
 
 

@@ -90,7 +90,7 @@ def stage_step(circuit: Circuit, *, loaded: bool) -> tuple[float, float]:
     capacitance of the node; NaN if it grows.
     """
     load, sinks = np.sum(1.0 / circuit.forward_ohms, axis=1), circuit.forward.sinks
-    for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
+    for part in circuit.parts_of(Role.STRAIN_RESISTOR):
         load[sinks.index(part.b)] += 1.0 / part.ohms
     row = int(np.argmax(load))
     model = circuit.models[next(c.model for c in circuit.opamps if c.inverting == sinks[row])]

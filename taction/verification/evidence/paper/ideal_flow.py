@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,7 @@ from taction.system.reading_definitions import SETTLING_BAND
 from taction.verification.reference.ideal_answer import IdealAnswer, IdealNetwork
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 
-TOLERANCE = 1e-10
-"""Relative tolerance of the integrator."""
+TOLERANCE = 1e-10  # relative tolerance of the integrator
 INSTANTS = 2000  # of a record at which its energy is found
 DECAYED = 1e8  # times: by so much the slowest mode decays in a trajectory
 
@@ -53,11 +53,11 @@ def ideal_record(answer: IdealAnswer) -> tuple[Floats, Floats]:
 
     SolverError: as `ScaledNetwork.trajectory`.
     """
-    network, solution = answer.network, answer.solution
+    network = answer.network
     if network.amplifier == "linear":
         return linear_outputs(network)
-    scaled, rest = ScaledNetwork(network), solution.u if solution.v is None else solution.v
-    run = scaled.trajectory(scaled.g.inverse(answer.start / network.U0), rest)
+    scaled = ScaledNetwork(network)
+    run = scaled.trajectory(scaled.g.inverse(answer.start / network.U0))
     time = np.append(0.0, np.geomspace(1e-6 * run.t_max, run.t_max, 4000))
     return network.RC * time, np.asarray(network.U0 * scaled.g.g(run(time).T))
 
@@ -83,10 +83,17 @@ class ScaledNetwork:
     """Right-hand side, Jacobian and energy in x and ``t/(R C)``, for any integrator."""
 
     def __init__(self, network: IdealNetwork) -> None:
+        self.network = network
         self.T, self.eps, self.mu = network.T, network.eps, network.mu
         self.beta, self.removed = float(network.bias), 1.0 - network.ridge_share
         self.g: Regulariser = REGULARISERS[network.amplifier]
         self.gram = self.T.T @ self.T / self.mu
+
+    @cached_property
+    def rest(self) -> Floats:
+        """The state (N,) at rest."""
+        found = self.network.rest
+        return found.u if found.v is None else found.v
 
     def slope(self, _: float, x: Floats) -> Floats:
         """dx/dt for x (N,) or (N, K)."""
@@ -113,14 +120,14 @@ class ScaledNetwork:
         slowest = sigma[-1] if A.shape[0] >= A.shape[1] else 0.0
         return float((1.0 + sigma[0]) / (1.0 + slowest))
 
-    def trajectory(self, x0: Floats, rest: Floats) -> Any:
-        """Return the dense solution, x (N, K) of times (K,), from x0 until it is at `rest`.
+    def trajectory(self, x0: Floats) -> Any:
+        """Return the dense solution, x (N, K) of times (K,), from x0 until it is at rest.
 
         SolverError: a value overflows, or the network is too stiff for double precision.
         """
         from scipy.integrate import solve_ivp
 
-        end = float(np.log(DECAYED * (1.0 + np.max(np.abs(x0 - rest)))))
+        end = float(np.log(DECAYED * (1.0 + np.max(np.abs(x0 - self.rest)))))
         with np.errstate(all="ignore"):
             if np.isfinite(self.slope(0.0, x0)).all():
                 run: Any = solve_ivp(

@@ -184,9 +184,9 @@ Solved = tuple[Floats, int]  # outputs (P, N), evaluations of the slope
 def simnon() -> Chapter:
     """Judge section 4.2's remarks on simulation with the exponential network."""
     network = unit_network(STIFF.matrix, STIFF.strain(1, 0.01), STIFF_MU)
-    scaled, rest = ScaledNetwork(network), _rest(network)
-    fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, rest)).real))
-    exact = scaled.trajectory(np.zeros(STIFF.channels), rest)
+    scaled = ScaledNetwork(network)
+    fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, scaled.rest)).real))
+    exact = scaled.trajectory(np.zeros(STIFF.channels))
     truth, instants = np.exp(exact(INSTANTS).T), np.linspace(0.0, exact.t_max, FINE_POINTS)
     settling = settling_time(instants, np.exp(exact(instants).T))
     explicit = partial(_integrated, scaled, EXPLICIT, FIXED, SHARE * REAL_AXIS / fastest)
@@ -209,14 +209,9 @@ def simnon() -> Chapter:
         end=END,
         error=MAX_ERROR,
         evaluations=[evaluations for evaluations, _ in costs],
-        stiffness=scaled.stiffness(rest),
+        stiffness=scaled.stiffness(scaled.rest),
     )
     return Chapter((_unstable(scaled, fastest), cost, accuracy))
-
-
-def _rest(network: IdealNetwork) -> Floats:
-    rest = network.rest
-    return rest.u if rest.v is None else rest.v
 
 
 def _integrated(
@@ -282,11 +277,11 @@ def energy() -> Chapter:
     off = float(np.max([difference(u, network.rest.u) for u in ends]))
     attraction = finding("asymptotically-stable", weigh(off <= 1e-6), difference=off, starts=STARTS)
     symmetry = finding("hypothesis-2", weigh(in_v <= 1e-12), in_v=in_v, in_u=in_u)
-    findings = (_descent(network, scaled), _gradient(scaled), attraction, symmetry, _minima())
+    findings = (_descent(scaled), _gradient(scaled), attraction, symmetry, _minima())
     return Chapter(findings)
 
 
-def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
+def _descent(scaled: ScaledNetwork) -> Finding:
     """Compare the energy that is lost with the integral of the power ``sum C g' v'^2``."""
     from scipy.integrate import solve_ivp
 
@@ -295,7 +290,7 @@ def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
         return np.append(slope, np.sum(scaled.g.slope(state[:-1]) * slope**2))
 
     x0 = np.zeros(SMALL.channels)
-    run = scaled.trajectory(x0, _rest(network))
+    run = scaled.trajectory(x0)
     levels = np.array([scaled.energy(x) for x in run(np.linspace(0.0, run.t_max, FINE_POINTS)).T])
     lost = float(levels[0] - levels[-1])
     rising = float(np.max(np.diff(levels), initial=0.0)) / lost
@@ -308,7 +303,7 @@ def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
         residual=residual,
         largest_rise=rising,
         channels=SMALL.channels,
-        stiffness=scaled.stiffness(_rest(network)),
+        stiffness=scaled.stiffness(scaled.rest),
     )
 
 
@@ -324,7 +319,7 @@ def _gradient(scaled: ScaledNetwork) -> Finding:
 def _final(network: IdealNetwork, start: Floats) -> Floats:
     """Return the outputs (N,) at the end of a transient."""
     scaled = ScaledNetwork(network)
-    run = scaled.trajectory(start, _rest(network))
+    run = scaled.trajectory(start)
     return scaled.g.g(run(run.t_max))
 
 

@@ -16,7 +16,7 @@ from taction.verification.evidence.paper.sensing import equations, kernels, reco
 from taction.verification.studies.running.versions import describe_machine
 
 Run = Callable[[], Chapter]
-CHAPTERS: dict[str, tuple[str, Run]] = {
+CHAPTERS: dict[str, tuple[str, Run]] = {  # title and function of every chapter
     "reconstruction": ("Stress from noisy strain", reconstruction),
     "breadboard": ("The seven-channel breadboard", breadboard),
     "console": ("The design step", console),
@@ -28,7 +28,6 @@ CHAPTERS: dict[str, tuple[str, Run]] = {
     "kernels": ("Kernel and load as printed", kernels),
     "equations": ("The network's equations as printed", equations),
 }
-"""Title and function of every chapter."""
 ABOUT = 45  # s, of all chapters on one core of 2.5 GHz
 
 

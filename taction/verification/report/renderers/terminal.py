@@ -20,7 +20,7 @@ from rich.text import Text
 from taction.system.charts import OUTCOMES, Chart
 from taction.system.foreign_files import escaped, visible, visible_lines
 from taction.verification.report import blocks
-from taction.verification.report.blocks import NOTEBOOK, TERMINAL, Bars, Block, Page
+from taction.verification.report.blocks import NOTEBOOK, TERMINAL, Bars, Page
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
 SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
@@ -86,7 +86,7 @@ def page_lines(page: Page, medium: str = TERMINAL) -> Iterator[RenderableType]:
         if made and section.lead:
             yield Text(plain(section.lead))
         for block in made:
-            yield shown(block)
+            yield SHOWN[type(block)](block)
     for line in page.foot:
         yield Text(plain(line), style="dim")
     if page.outcome and medium == TERMINAL:
@@ -96,11 +96,6 @@ def page_lines(page: Page, medium: str = TERMINAL) -> Iterator[RenderableType]:
 def outcome_line(outcome: str, words: str = "") -> Text:
     """Return the last line of a page: one word, or other words for the outcome."""
     return Text((words or outcome).upper(), style=f"bold {OUTCOMES[outcome].colour}")
-
-
-def shown(block: Block) -> RenderableType:
-    """Return a block for a console."""
-    return SHOWN[type(block)](block)
 
 
 def plain(text: str) -> str:

@@ -117,10 +117,7 @@ def stress_view(report: StressReport) -> Page:
 def headline(report: StressReport) -> str:
     """Return the counts, the time and the versions as one line of text."""
     counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
-    cases, seconds = (
-        len({run.case.name for run in report.runs}),
-        sum(r.seconds for r in report.runs),
-    )
+    cases, seconds = len({r.case.name for r in report.runs}), sum(r.seconds for r in report.runs)
     compared = f"{report.outside} of {report.numbers} numbers outside their stated error"
     if not report.numbers:
         compared = "no numbers compared: a checkout has their true values"

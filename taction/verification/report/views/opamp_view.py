@@ -27,7 +27,7 @@ from taction.verification.verdict.board_files import BoardPower, PartsList
 if TYPE_CHECKING:
     from taction.verification.studies.decks.vendor_model import ImportedModel
 
-TITLES = {
+TITLES = {  # title and unit of every figure of the data file
     "dc_gain": ("DC gain", ""),
     "unity_gain_bandwidth": ("unity-gain bandwidth", "Hz"),
     "phase_margin": ("phase margin", "degrees"),
@@ -54,18 +54,16 @@ TITLES = {
     "supply_current": ("supply current", "A"),
     "channels_per_package": ("op-amps in a package", ""),
 }
-"""Title and unit of every figure of the data file."""
 POINTS = 500  # of a Bode plot
 BELOW, ABOVE = 0.01, 100.0  # its ends: of the first pole, and of the unity-gain bandwidth
 ABSENT = (0.0, math.inf, -math.inf, None)  # values of a figure that a part does not have
 Origins = Mapping[str, Origin]  # by the name of the figure
 WORDS = ("derived", "assumed")  # in the place of a document
 AT_LEAST = ("common_mode_rejection", "supply_rejection", "dc_gain")  # guaranteed minima
-LISTED = {
+LISTED = {  # figures of the list of op-amps, beside the range of the supply; `view` has all
     "GBW": ("gbw", "Hz"), "slew rate": ("slew_rate", "V/s"), "offset": ("offset_voltage", "V"),
     "bias": ("bias_current", "A"), "noise": ("voltage_noise", "V/rtHz"),
 }  # fmt: skip
-"""Figures of the list of op-amps, beside the range of the supply; `view` has all."""
 
 
 def view(result: OpAmpFigures) -> Page:

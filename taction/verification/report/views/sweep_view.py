@@ -27,10 +27,9 @@ from taction.verification.studies.sweep import Plan, SweepResult, all_records, g
 from taction.verification.verdict.record import FIGURES
 
 LOGARITHMIC = ("settling_time", "steady_state_error")
-ENGINES = OpenTable(
+ENGINES = OpenTable(  # names of the engines for people
     "taction.engines", {"ngspice": "ngspice", "statespace": "state space"}, str, "title"
 )
-"""Names of the engines for people."""
 Names = np.ndarray[Any, Any]
 Looks = Mapping[str, charts.Look]
 OUTCOME = (
