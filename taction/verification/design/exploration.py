@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError, TactionError
-from taction.system.quantities import show, show_rate
+from taction.system.quantities import show, show_rate, spaced
 from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -41,7 +41,7 @@ from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.input_spread import outputs_at_rest
-from taction.verification.verdict.record import Record
+from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.transient_plan import record_length
 from taction.verification.verdict.verify import verify
 
@@ -286,6 +286,15 @@ class Judgement:
     warnings: tuple[str, ...] = ()
     curves: ExplorerCurves | None = None
     answer: AnswerError | None = None
+
+
+def outcome_of(scene: Scene) -> tuple[str, str]:
+    """Return the outcome of a scene by the state-space engine, and which checks do not pass."""
+    try:
+        record = Record.of(verify(scene.with_engine("statespace"), full_margin=False))
+    except TactionError as error:
+        return ERROR, str(error).partition("\n")[0]
+    return record.outcome, ", ".join(map(spaced, record.failed)) or "all checks pass"
 
 
 def judge(scene: Scene, engine: str = "statespace") -> Judgement:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from taction.verification.verdict.record import ERROR
 POINTS = 500  # of a curve
 ALL_POINTS = 12_000  # of all curves
 VALUE_DIGITS = 6
+CELLS = 9  # of the strip below a slider: one verdict in the middle of each
 STATES = {True: "stable", False: "unstable", None: "undecided"}
 Part = dict[str, Any]
 
@@ -69,6 +71,38 @@ def settings_part(settings: Settings) -> Part:
         for control in settings.controls
     }
     return {"values": values, "opamp": settings.opamp, "command": settings.command()}
+
+
+class Spot(NamedTuple):
+    """A place of a slider at which the checks are judged: its values, and how far it is away."""
+
+    slider: int
+    value: str
+    settings: Settings
+    key: str  # the same of the same values
+    far: float
+
+
+def spots(settings: Settings) -> list[Spot]:
+    """Return the places of all sliders, the others of which stay."""
+    found = []
+    for n, control in enumerate(settings.controls):
+        here = control.place(settings.values.get(control.path, control.own))
+        for place in (np.arange(CELLS) + 0.5) / CELLS:
+            value = control.chosen(float(place))
+            moved = settings.moved({**settings.values, control.path: value}, settings.opamp)
+            text = typed_value(value, control.unit, 3)
+            found.append(Spot(n, text, moved, moved.command(), abs(float(place) - here)))
+    return found
+
+
+def along_part(every: Iterable[Spot], known: Mapping[str, tuple[str, str]]) -> Part:
+    """Return the outcome and the text of each place of each slider, as far as they are known."""
+    found: Part = {}
+    for spot in every:
+        outcome, why = known.get(spot.key, ("unknown", "not known yet"))
+        found.setdefault(f"along_{spot.slider}", []).append((outcome, f"{spot.value}: {why}"))
+    return found
 
 
 def rest_part(view: BoardView) -> Part:

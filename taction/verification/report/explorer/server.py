@@ -207,8 +207,9 @@ PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verd
 def markup_of(part: Part) -> Part:
     """Return a part for the browser: its texts as markup, the others for the page's program."""
     macros: Any = _templates().get_template("macros.html").module
-    kept = {key: value for key, value in part.items() if key not in PLACES}
-    shown = {key.replace("_", "-"): part[key] for key in PLACES if key in part}
+    own = {key for key in part if key in PLACES or key.startswith("along_")}
+    kept = {key: value for key, value in part.items() if key not in own}
+    shown = {key.replace("_", "-"): part[key] for key in part if key in own}
     if "refused" in part:
         shown |= {"refused": [part["refused"]], "verdict-text": "no board with these values"}
     if "refused" in part or "outcome" in part:

@@ -7,6 +7,7 @@ slow runs in processes of its own; new values cancel what is still to be found f
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,11 +23,12 @@ from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
 from taction.verification.studies.running.study import Worker, WorkerDiedError
-from taction.verification.verdict.record import Record
+from taction.verification.verdict.record import ERROR, Record
 
 T = TypeVar("T")
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
+SLOW = 2.0  # s of a verdict, above which the other places of the sliders show no checks
 PATIENCE = 3.0  # s that a call which nobody waits for may still take
 
 
@@ -80,7 +82,9 @@ class Session:
     judging: ExplorerJob  # the process of the verdict
     window: str = "rise"
     work: asyncio.Task[None] | None = None  # what is found for the newest values
+    strips: asyncio.Task[None] | None = None  # what is found of the checks along the sliders
     _number: int = 0  # of the newest values
+    _outcomes: dict[str, tuple[str, str]] = field(default_factory=dict)  # along the sliders
     _look: SliderLook | None = None  # at the newest values
     _boundary: tuple[object, Edges | EngineError] | None = None  # and the values that it holds for
 
@@ -134,6 +138,24 @@ class Session:
         for stage in (poles, look.find_limits, boundary) if large else (look.find_limits,):
             await self._step(stage)
         await self._judge(look, "statespace")
+        self.strips = asyncio.create_task(self._judge_along(settings))
+
+    async def _judge_along(self, settings: Settings) -> None:
+        """Tell the outcomes of the checks along each slider, the nearest places first."""
+        every = await asyncio.to_thread(parts.spots, settings)
+        self._tell(**parts.along_part(every, self._outcomes))
+        for spot in sorted(every, key=lambda each: each.far):
+            if spot.key in self._outcomes:
+                continue
+            began = time.monotonic()
+            try:
+                found = await self.judging.run(exploration.outcome_of, spot.settings.scene())
+            except (InputError, WorkerDiedError) as error:
+                found = ERROR, str(error).partition("\n")[0]
+            self._outcomes[spot.key] = found
+            self._tell(**parts.along_part(every, self._outcomes))
+            if time.monotonic() - began > SLOW:
+                return
 
     def simulate(self) -> None:
         """Judge the present values by ngspice, too, once their verdict is known."""
@@ -183,5 +205,5 @@ class Session:
 
     def close(self) -> None:
         """End what is still to be found."""
-        if self.work is not None:
-            self.work.cancel()
+        for task in filter(None, (self.work, self.strips)):
+            task.cancel()

@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
+from taction.system.quantities import spaced
+from taction.verification.design import exploration
 from taction.verification.design.exploration import Settings
 from taction.verification.report.explorer import server
 from taction.verification.report.explorer.server import Guard
@@ -46,7 +49,9 @@ class Ended(Here):
         raise WorkerDiedError("the process was ended")
 
 
-def told(*moves: dict[str, Any], job: Any = None, simulates: bool = False) -> list[Any]:
+def told(
+    *moves: dict[str, Any], job: Any = None, simulates: bool = False, strips: bool = False
+) -> list[Any]:
     """Return the parts that a page is told of moves; the hand rests after the last one."""
     parts: list[Any] = []
 
@@ -57,6 +62,10 @@ def told(*moves: dict[str, Any], job: Any = None, simulates: bool = False) -> li
             page.move(move)
         if page.work is not None:
             await page.work
+            if page.strips is not None and strips:
+                await page.strips
+            elif page.strips is not None:
+                page.strips.cancel()
             if simulates:
                 page.simulate()
                 await page.work
@@ -81,6 +90,29 @@ def test_what_is_fast_comes_first_and_the_verdict_last() -> None:
     verdict = taction.verify(SCENES / "paper-breadboard.toml", engine="statespace")
     expected = np.interp(x, verdict.waveforms.time, verdict.u[:, 3])
     assert y == pytest.approx(expected, abs=1e-3 * verdict.measurements.amplitude)
+
+
+def test_strips_show_the_checks_along_every_slider(monkeypatch: pytest.MonkeyPatch) -> None:
+    def outcome(scene: Scene) -> tuple[str, str]:
+        return ("pass", "all") if scene.design.capacitance >= 1e-11 else ("fail", "stability")
+
+    monkeypatch.setattr(exploration, "outcome_of", outcome)
+    job = Here()
+    first, *_, last = (part for part in told({}, job=job, strips=True) if "along_0" in part)
+    assert {outcome for outcome, _ in first["along_0"]} == {"unknown"}
+    assert [outcome for outcome, _ in last["along_0"]] == ["fail"] * 4 + ["pass"] * 5
+    assert last["along_0"][0][1].endswith(": stability")
+    assert {each for n in range(1, 5) for each, _ in last[f"along_{n}"]} == {"pass"}
+    assert job.calls == 1 + 5 * 9 - 2  # three strips have the scene's own value in the middle
+
+
+def test_the_outcome_of_a_strip_is_that_of_the_command() -> None:
+    scene = load_scene(SCENES / "paper-breadboard.toml")
+    assert exploration.outcome_of(scene) == ("pass", "all checks pass")
+    smaller = with_values(scene, {C: 8.2e-12})
+    verdict = taction.verify(smaller, engine="statespace")
+    failed = [check.name for check in verdict.checks if check.outcome.value != "pass"]
+    assert exploration.outcome_of(smaller) == ("fail", ", ".join(map(spaced, failed)))
 
 
 def test_only_the_newest_values_have_a_verdict() -> None:
