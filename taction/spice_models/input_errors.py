@@ -68,8 +68,6 @@ def spread(
     `most`: the largest size that the sheet guarantees, of a rejection the least.
     `unconfirmed`: figures and limits, as in `OpAmp.assumed`.
 
-    Examples
-    --------
     >>> spread("offset_voltage", 1e-3, 6e-3)
     Spread(mean=0.0, sigma=0.002, assumed=False)
     >>> spread("bias_current", 80e-9, 500e-9).mean

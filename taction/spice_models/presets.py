@@ -154,8 +154,6 @@ def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
 def opamp_name(name: str) -> str:
     """Return the name of an op-amp model in words.
 
-    Examples
-    --------
     >>> opamp_name("ua741"), opamp_name("ideal_changed")
     ('ua741', 'ideal with changed figures')
     """

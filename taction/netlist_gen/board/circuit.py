@@ -266,10 +266,7 @@ class Circuit(Result):
     def turned(self, name: str, value: float) -> Circuit:
         """Return the board with a knob at another value, SI base unit; R keeps its value.
 
-        Raises
-        ------
-        ValueError
-            The knob does not scale parts: then the board needs another synthesis.
+        ValueError: the knob does not scale parts, so the board needs another synthesis.
         """
         knob = self.knob(name)
         if not knob.role:

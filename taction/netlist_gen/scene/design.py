@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StrictBool, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from taction.netlist_gen.scene import fields
 from taction.netlist_gen.scene.fields import entry, optional
@@ -26,7 +26,7 @@ class WiresTable(fields.Model):
     corner: Literal["top-left", "top-right", "bottom-left", "bottom-right"] = entry(
         "top-left", "where the ports of rows and columns are; row 1 is at the top"
     )
-    compensate: StrictBool = entry(False, "scale resistors: T at the ports, as far as possible")
+    compensate: fields.Flag = entry(False, "scale resistors: T at the ports, as far as possible")
 
     @property
     def ideal(self) -> bool:
@@ -174,7 +174,7 @@ class Design(fields.Model):
     unit_conductance: fields.Siemens = 3.313e-7
     unit_voltage: fields.Volts = 1.0
     exponential_slope: fields.Volts | None = None
-    bias: StrictBool | None = optional("bias current I_b = Ve/R")
+    bias: fields.Flag | None = optional("bias current I_b = Ve/R")
     ridge_share: Annotated[fields.Real, Field(ge=0, le=1)] = entry(
         1.0, "of deadzone, rectifier and saturation: the share of sum u^2/2 that stays"
     )

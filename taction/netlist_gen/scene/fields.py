@@ -12,6 +12,7 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     PlainValidator,
+    StrictBool,
     WithJsonSchema,
     field_validator,
     model_validator,
@@ -152,6 +153,7 @@ TwoTemperatures = Annotated[
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Real, Field(gt=0)]
 NonNegative = Annotated[Real, Field(ge=0)]
+Flag = StrictBool
 Count = Annotated[int, Field(strict=True, ge=1, le=MOST_CHANNELS)]
 Seed = Annotated[int, Field(strict=True, ge=0)]
 FileName = Annotated[str, Field(min_length=1)]

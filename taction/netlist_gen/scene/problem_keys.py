@@ -5,18 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    PrivateAttr,
-    StrictBool,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator
 from pydantic_core import CoreSchema, core_schema
 
 from taction.netlist_gen.scene import fields
 from taction.netlist_gen.scene.fields import entry
+from taction.system.quantities import sizes
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -130,7 +124,7 @@ class CylinderLoad(fields.Model):
     force: fields.NonNegative = entry(3.0, "p, force per unit length")
     half_width: fields.Positive = entry(1.0, "a, half width of the contact")
     centre: fields.Real = entry(0.0, "y of the contact's middle")
-    normalised: StrictBool = entry(False, "true: Hertz, 2p/(pi a²), integrates to p")
+    normalised: fields.Flag = entry(False, "true: Hertz, 2p/(pi a²), integrates to p")
 
 
 class CsvLoad(fields.Model):
@@ -169,6 +163,11 @@ class TactileProblem(fields.Model):
     load: Annotated[AnyLoad, BeforeValidator(_cylinder_by_default)] = CylinderLoad()
     noise: Noise = Noise()
 
+    @property
+    def size(self) -> str:
+        """Channels and sensors in words."""
+        return sizes(self.channels, self.sensors or self.channels)
+
 
 class MatrixProblem(fields.Model):
     """A matrix and a strain vector: names of files beside the scene, or arrays of numbers."""
@@ -180,6 +179,12 @@ class MatrixProblem(fields.Model):
     strain: ArrayOrFile = Field(description="M values: [1.0, 0.5], or a file .csv or .npy")
     stress: ArrayOrFile | None = entry(None, "N values, the truth, where it is known")
     noise: Noise = Noise()
+
+    @property
+    def size(self) -> str:
+        """Channels and sensors in words, or the name of the file that has them."""
+        in_file = isinstance(self.matrix, str)
+        return f"matrix {self.matrix!r}" if in_file else sizes(*reversed(self.matrix.shape))
 
     @field_validator("matrix", "strain", "stress")
     @classmethod

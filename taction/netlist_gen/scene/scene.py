@@ -16,15 +16,10 @@ from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, 
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto, entry
 from taction.netlist_gen.scene.mistakes import placed, toml_complaint, validated, with_places
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
-from taction.netlist_gen.scene.problem_keys import (
-    MatrixProblem,
-    StatedProblem,
-    TactileProblem,
-    in_memory,
-)
+from taction.netlist_gen.scene.problem_keys import StatedProblem, in_memory
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
-from taction.system.quantities import number, quantity, sizes
+from taction.system.quantities import number, quantity
 from taction.system.results import Result
 
 if TYPE_CHECKING:
@@ -81,7 +76,7 @@ class Scene(StatedProblem, Result):
     def __repr__(self) -> str:
         design, file = self.design, str(self.file)
         parts = (
-            size_words(self.problem),
+            self.problem.size,
             f"C = {quantity(design.capacitance, 'F')}",
             f"gain = {quantity(design.gain, 'ohm')}",
             f"op-amp {opamp_words(design.opamp)}",
@@ -266,17 +261,6 @@ def read_toml(path: Path, accepted: str) -> tuple[dict[str, Any], str]:
     except RecursionError:
         text = f"nested too deeply; expected {accepted}"
         raise InputError(path, Complaint("TOML", "", text)) from None
-
-
-def size_words(problem: TactileProblem | MatrixProblem) -> str:
-    """Return the size of a problem, or the name of the file that has its matrix."""
-    if isinstance(problem, TactileProblem):
-        sensors = problem.sensors or problem.channels
-        return sizes(problem.channels, sensors)
-    if isinstance(problem.matrix, str):
-        return f"matrix {problem.matrix!r}"
-    sensors, channels = problem.matrix.shape
-    return sizes(channels, sensors)
 
 
 def opamp_words(choice: OpAmpChoice) -> str:

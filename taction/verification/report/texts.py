@@ -22,8 +22,6 @@ KNOWN = "A value without ± is known to 1 ppm, of itself or of the step, or bett
 def figure(value: object, unit: str | None, digits: int = 4) -> str:
     """Return a value with its unit: a dash for none, "never" for infinity, shares as per cent.
 
-    Examples
-    --------
     >>> figure(0.0123, "step"), figure(float("inf"), "s"), figure(-1123.46, "1/s")
     ('1.23 %', 'never', '-1.123 k/s')
     >>> figure(19.53, "step"), figure(3e-9, "step"), figure("settled", "")
@@ -52,8 +50,6 @@ def with_error(value: float | None, error: float | None, unit: str) -> str:
 
     A bound below 1 ppm of the value or of the step is not written: `KNOWN` says so beside a table.
 
-    Examples
-    --------
     >>> with_error(0.1, 0.01, "step"), with_error(1.4e-4, 2.1e-17, "s"), with_error(2.0, None, "V")
     ('10 % ± 1 %', '140 µs', '2 V ± unknown')
     >>> with_error(0.0, 3.4e-19, "s"), with_error(0.0, 1e-9, "step"), with_error(1e-9, 1e-15, "V")
@@ -110,7 +106,7 @@ def number_cell(value: float | None, unit: str | None, digits: int = 4) -> Cell:
     return Cell(figure(value, unit, digits), value if known else None)
 
 
-def outcome_cell(text: str, outcome: Outcome | None = None) -> Cell:
+def marked_cell(text: str, outcome: Outcome | None = None) -> Cell:
     """Return a cell with the mark of an outcome, which is its text unless given."""
     return Cell(text, None, text if outcome is None else outcome)
 
@@ -131,8 +127,6 @@ def shown_by(column: Column) -> Callable[[Any], Shown]:
     it has that of its annotation, which its document has, too; ``@name`` is the field with its
     unit, ``outcome`` marks the text, and ``words`` writes a text for readers.
 
-    Examples
-    --------
     >>> shown_by("part")({"part": "C1"}), shown_by("value V 2")({"value": 0.0123})
     ('C1', Cell(text='12 mV', number=0.0123, outcome=''))
     """
@@ -149,12 +143,12 @@ def shown_by(column: Column) -> Callable[[Any], Shown]:
         if isinstance(value, enum.Enum):
             value = str(value.value)
         if words == ["outcome"]:
-            return outcome_cell(value)
+            return marked_cell(value)
         if not isinstance(value, float):
             return readable(spaced(value)) if words == ["words"] and value else value
         kind: Any = type(record)
-        own = (part.unit for part in parts_of(kind) if part.attribute == name)
-        unit = words[0] if words else next(own, "")
+        own = (part.unit for part in (() if words else parts_of(kind)) if part.attribute == name)
+        unit = next(iter((*words, *own, "")))
         return number_cell(value, _part(record, unit[1:]) if unit.startswith("@") else unit, digits)
 
     return shown

@@ -120,8 +120,6 @@ def compensation(ohms: float, gbw: float, node: float) -> float:
     returned puts its zero at half of the crossover, ``C² / (C + node) = 2 g / w_t``: a phase margin
     of atan 2 = 63 degrees without further poles. It is 0 for an op-amp without poles.
 
-    Examples
-    --------
     >>> C = compensation(1e4, 1e6, 45e-12)
     >>> round(C**2 / (C + 45e-12) * 1e4 * 2e6 * math.pi, 9)
     2.0

@@ -60,7 +60,10 @@ def view(found: BoardCheck) -> Page:
             Section("Pole map", lambda: pole_map(found.poles.poles), media="page picture"),
             Section("Step response", lambda: _response(found), media="page picture"),
             Section("Parts", lambda: _parts(found)),
-            *map(partial(_swept, found.measurements.band), found.sweeps),
+            *(
+                Section(f"Over {each.name}", partial(_sweep, each, found.measurements.band))
+                for each in found.sweeps
+            ),
             *_varied(found),
         ),
         foot=(_witness(found),),
@@ -208,10 +211,6 @@ def _parts(found: BoardCheck) -> Table:
             columns[title] = partial(edge, side=side)
     note, most = PART_WORDS + EDGE_WORDS[stable], {"terminal": PARTS}
     return Table.of("", found.parts, columns, note, most, "--json has all")
-
-
-def _swept(band: float, found: Sweep) -> Section:
-    return Section(f"Over {found.name}", lambda: _sweep(found, band))
 
 
 def _sweep(found: Sweep, band: float) -> Iterator[Content]:

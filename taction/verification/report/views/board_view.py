@@ -11,7 +11,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.kicad.board import channel_sheet
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words, size_words
+from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words
 from taction.spice_models.presets import opamp_name
 from taction.system.array_types import Floats
 from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit
@@ -92,7 +92,7 @@ def scene_view(scene: Scene) -> Page:
         weight = {"lambda": f"{number}, by {rule}" if rule else number}
     opamp = opamp_words(design.opamp)
     facts = {
-        "problem": f"{scene.problem.kind} problem, {size_words(scene.problem)}",
+        "problem": f"{scene.problem.kind} problem, {scene.problem.size}",
         "board": f"{design.topology}, {design.amplifier} amplifiers, op-amp {opamp}",
         "C": quantity(design.capacitance, "F"),
         "gain s": quantity(design.gain, "ohm"),

@@ -21,8 +21,8 @@ from taction.verification.report.texts import (
     fields,
     figure,
     is_small,
+    marked_cell,
     number_cell,
-    outcome_cell,
 )
 from taction.verification.report.views import waveforms_view as waveforms
 from taction.verification.report.views.answer_view import check_bar, margin_lines, origin_section
@@ -48,7 +48,7 @@ def regression_view(report: RegressionReport) -> Page:
     """Return the page of a regression run."""
     columns: dict[str, Column] = {
         "scene": lambda each: each.file.removesuffix(".toml"),
-        "status": lambda each: outcome_cell(each.status.value, STATUSES.get(each.status, "fail")),
+        "status": lambda each: marked_cell(each.status.value, STATUSES.get(each.status, "fail")),
         "checks": lambda each: _passing(each.checks),
         "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
         "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
@@ -214,7 +214,7 @@ def _readings(difference: VerdictDifference) -> Table:
         "reading": lambda each: _name(each, difference.outputs),
         **fields("A = first @unit 6; B = second @unit 6; B - A = difference @unit 3"),
         "±": allowed_cell,
-        "beyond ±": lambda each: outcome_cell(*BEYOND[each.beyond]),
+        "beyond ±": lambda each: marked_cell(*BEYOND[each.beyond]),
     }
     changed = (each for each in difference.readings if each.first != each.second)
     return Table.of("Readings", changed, columns)
@@ -305,7 +305,7 @@ def files_view(files: VerifiedFiles) -> Page:
     counts = ", ".join(f"{count} {name}" for name, count in files.count().items())
     columns: dict[str, Column] = {
         "scene": "file",
-        "outcome": lambda each: outcome_cell(each["outcome"], _outcome(each["outcome"])),
+        "outcome": lambda each: marked_cell(each["outcome"], _outcome(each["outcome"])),
         "checks": lambda each: _passing(checks_of(each)),
         "settling": _settling,
         "overshoot": lambda each: number_cell(_largest(each, "overshoot"), "step"),

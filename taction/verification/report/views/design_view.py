@@ -130,7 +130,7 @@ def _outcome(design: ChosenDesign) -> Cell:
     if outcome == ERROR:  # file, key and value, then what is wrong with it
         line = line.rpartition(": ")[2]
     check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
-    return texts.outcome_cell(": ".join(filter(None, (outcome, check))), outcome)
+    return texts.marked_cell(": ".join(filter(None, (outcome, check))), outcome)
 
 
 def _band(designs: Sequence[ChosenDesign]) -> str:

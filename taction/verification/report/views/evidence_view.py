@@ -16,7 +16,7 @@ from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
-from taction.verification.report.texts import Cell, Column, fields, outcome_cell, shown_by
+from taction.verification.report.texts import Cell, Column, fields, marked_cell, shown_by
 from taction.verification.report.views.answer_view import answer_text, decisive_text, origin_section
 from taction.verification.report.views.waveforms_view import outputs_chart, stress_chart
 from taction.verification.studies.work_precision import (
@@ -82,7 +82,7 @@ def _verdict(each: Finding) -> Cell:
     text = each.outcome.value
     if not each.as_expected:
         text += f" (expected: {each.claim.expected.value})"
-    return outcome_cell(text, CLAIMS[each.outcome])
+    return marked_cell(text, CLAIMS[each.outcome])
 
 
 OUTCOMES: dict[CaseJudgement, Outcome] = {
@@ -135,7 +135,7 @@ def _results(runs: Iterable[CaseRun]) -> Table:
 
     columns = {
         **fields("case = case.name; engine"),
-        "outcome": lambda run: outcome_cell(run.outcome, OUTCOMES[run.judgement]),
+        "outcome": lambda run: marked_cell(run.outcome, OUTCOMES[run.judgement]),
         "worst quantity": lambda run: run.worst and run.worst.name,
         "true error": error("error"),
         "stated error": error("uncertainty"),

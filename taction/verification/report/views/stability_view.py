@@ -17,14 +17,7 @@ from taction.system.errors import EngineError
 from taction.system.quantities import quantity
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import Content, Page, Section, Table
-from taction.verification.report.texts import (
-    Cell,
-    Column,
-    fields,
-    figure,
-    number_cell,
-    outcome_cell,
-)
+from taction.verification.report.texts import Cell, Column, fields, figure, marked_cell, number_cell
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
@@ -241,7 +234,7 @@ def _crossings(onset: Onset) -> Iterator[Content]:
         "unstable poles": lambda each: unstable(each.crossing),
         "side": "direction",
         "transients": lambda each: (
-            "not run" if each.reason == NOT_ASKED else outcome_cell(*STATES[each.confirmed])
+            "not run" if each.reason == NOT_ASKED else marked_cell(*STATES[each.confirmed])
         ),
         "rate below": lambda each: rate(each.below),
         "rate above": lambda each: rate(each.above),
