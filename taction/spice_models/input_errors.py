@@ -105,11 +105,8 @@ def with_input_errors(
       do not vary; changes replace the typical size, without a largest one.
     `around`: where the errors may change.
 
-    Returns
-    -------
-    OpAmp
-        Its `varying` are the distributions of the errors that are not given and of all changes,
-        its `not_known` the figures that the sheet lacks.
+    Its `varying` are the distributions of the errors that are not given and of all changes, its
+    `not_known` the figures that the sheet lacks.
     """
     found = {} if level == "none" else spreads(opamp)
     kept = {name: each for name, each in found.items() if name not in given}

@@ -54,11 +54,8 @@ class InverseProblem:
 def make_problem(scene: StatedProblem) -> InverseProblem:
     """Build the inverse problem that `scene` describes.
 
-    Raises
-    ------
-    InputError
-        A file has a missing value, a wrong shape or a value that is not finite; T is all zeros; or
-        T, the strain or the stress leave the range of numbers in which products stay finite.
+    InputError: a file has a missing value, a wrong shape or a value that is not finite; T is all
+      zeros; or T, the strain or the stress leave the range in which products stay finite.
     """
     with np.errstate(all="ignore"):  # what is not finite is refused
         if isinstance(scene.problem, MatrixProblem):

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -82,12 +81,6 @@ def place(text: str, key: str) -> str:
 
 def _parts(key: str) -> list[str]:
     return [part.strip().strip("\"'") for part in key.split(".")]
-
-
-def with_places(error: InputError, text: str) -> InputError:
-    """Return `error` about the scene file `text` with the line of each mistake."""
-    placed = (replace(each, place=place(text, each.key)) for each in error.complaints)
-    return InputError(error.file, *placed)
 
 
 def toml_complaint(text: str, error: ValueError, accepted: str) -> Complaint:

@@ -6,6 +6,7 @@ import functools
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -14,7 +15,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from taction.netlist_gen.scene.check_keys import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, WiresTable
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto, entry
-from taction.netlist_gen.scene.mistakes import placed, toml_complaint, validated, with_places
+from taction.netlist_gen.scene.mistakes import place, placed, toml_complaint, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem_keys import StatedProblem, in_memory
 from taction.system.errors import Complaint, InputError, listed
@@ -243,7 +244,8 @@ def load_scene(path: str | Path) -> Scene:
     try:
         return parse_scene(data, path)
     except InputError as error:
-        raise with_places(error, text) from None
+        found = (replace(each, place=place(text, each.key)) for each in error.complaints)
+        raise InputError(error.file, *found) from None
 
 
 def read_toml(path: Path, accepted: str) -> tuple[dict[str, Any], str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from taction.netlist_gen.scene.axes import with_values
@@ -108,7 +109,8 @@ def demo(
     for number, (what, board, changes) in enumerate(boards, 1):
         stage = f"{number} of {len(boards)}: {what}"
         progress(stage)
-        verdicts.append(verify(with_values(board, changes), _named(stage, progress)))
+        named = partial(lambda stage, part: progress(f"{stage}, {part}"), stage)
+        verdicts.append(verify(with_values(board, changes), named))
     steps = tuple(map(DemonstrationStep, TITLES, EXPECTED, verdicts, _texts(*verdicts)))
     found = Demonstration(steps, time.perf_counter() - start)
     if output is None:
@@ -120,10 +122,6 @@ def demo(
         progress(Notice(f"no report: {error}"))
         return found
     return told
-
-
-def _named(stage: str, progress: Progress) -> Progress:
-    return lambda part: progress(f"{stage}, {part}")
 
 
 def _texts(works: Verdict, oscillates: Verdict, settles: Verdict) -> tuple[str, str, str]:

@@ -33,7 +33,7 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
     most: Mapping[str, int] = field(default_factory=dict)  # rows that a medium shows; others all
-    more: str = ""  # added to `note` where rows are left out, with ``{}`` for their number
+    more: str = "{} more: --json has all."  # added to `note` where rows are left out
     heads: int = 1  # first columns that say what a row is about
 
     @classmethod
@@ -44,7 +44,7 @@ class Table:
         columns: Mapping[str, Column],
         note: str = "",
         most: Mapping[str, int] | None = None,
-        more: str = "",
+        more: str = "{} more: --json has all.",
     ) -> Table:
         """Return a table with a row for each record and a column for each of `columns`."""
         shown = [shown_by(column) for column in columns.values()]
@@ -56,7 +56,7 @@ class Table:
         left = len(self.rows) - self.most.get(medium, MOST.get(medium, len(self.rows)))
         if left <= 0:
             return self
-        note = f"{self.note} {(self.more or '{} more rows').format(left)}".strip()
+        note = f"{self.note} {self.more.format(left)}".strip()
         return replace(self, rows=self.rows[:-left], note=note)
 
 

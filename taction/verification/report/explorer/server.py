@@ -9,7 +9,6 @@ and its Origin, if it has one, too: that of another port is another server.
 from __future__ import annotations
 
 import asyncio
-import functools
 import gc
 import hmac
 import json
@@ -23,7 +22,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
@@ -33,10 +32,6 @@ from taction.verification.report.explorer.page_parts import Part, start_part
 from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES
 from taction.verification.report.renderers.page import templates
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-
 
 HOST = "127.0.0.1"
 REFUSED = "403: open the address that `taction explore` printed\n"
@@ -138,7 +133,9 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     judging = ExplorerJob()
 
     async def page(request: object) -> HTMLResponse:
-        return HTMLResponse(_templates().get_template("explorer.html").render(start_part(settings)))
+        return HTMLResponse(
+            templates(PAGE).get_template("explorer.html").render(start_part(settings))
+        )
 
     async def open_to_all() -> None:
         announce(address)  # a browser that is faster than the server waits
@@ -194,11 +191,6 @@ async def _talk(socket: Any, settings: Settings, judging: ExplorerJob) -> None:
         session.close()
 
 
-@functools.cache
-def _templates() -> Environment:
-    return templates(PAGE)
-
-
 PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verdict_text", "checks",
           "readings", "warnings")  # fmt: skip
 """Parts that are shown as markup, by the name of their element."""
@@ -206,7 +198,7 @@ PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verd
 
 def markup_of(part: Part) -> Part:
     """Return a part for the browser: its texts as markup, the others for the page's program."""
-    macros: Any = _templates().get_template("macros.html").module
+    macros: Any = templates(PAGE).get_template("macros.html").module
     own = {key for key in part if key in PLACES or key.startswith("along_")}
     kept = {key: value for key, value in part.items() if key not in own}
     shown = {key.replace("_", "-"): part[key] for key in part if key in own}

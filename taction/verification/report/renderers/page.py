@@ -35,30 +35,31 @@ def write_page(page: Page, path: str) -> None:
 
 def page_html(page: Page) -> str:
     """Return `page` as the text of one HTML file."""
-    from markupsafe import escape
-
-    environment = templates()
-    code = {"code": lambda text: escape(escaped(text, "\n\t"))}  # its lines stay
-    environment.filters |= {"spec": plotly_spec, **code}
     program = _read("charts.js") + _read("page.js")
     shown = made_sections(page)
     charts = any(block.kind == "chart" for _, own in shown for block in own)
     packed, digest = _plotly() if charts else ("", "")
-    return environment.get_template("page.html").render(
-        page=page,
-        sections=shown,
-        style=_read("page.css"),
-        program=program,
-        plotly=packed,
-        digests=[_digest(program.encode()), digest],
+    return (
+        templates()
+        .get_template("page.html")
+        .render(
+            page=page,
+            sections=shown,
+            style=_read("page.css"),
+            program=program,
+            plotly=packed,
+            digests=[_digest(program.encode()), digest],
+        )
     )
 
 
+@functools.cache
 def templates(*folders: Path) -> Environment:
     """Return the templates of the pages and those of `folders`; what they show is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import escape
 
-    return Environment(
+    made = Environment(
         loader=FileSystemLoader([FILES, *folders]),
         autoescape=True,
         undefined=StrictUndefined,
@@ -66,6 +67,9 @@ def templates(*folders: Path) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    code = {"code": lambda text: escape(escaped(text, "\n\t"))}  # its lines stay
+    made.filters |= {"spec": plotly_spec, **code}
+    return made
 
 
 def _shown(value: Any) -> Any:

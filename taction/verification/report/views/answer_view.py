@@ -255,12 +255,14 @@ def screen(verdict: Verdict, margins: Sequence[str] = ()) -> Page:
     found = cause(verdict.checks)
     known = () if found is None else found.follows
     pairs = zip(verdict.checks, check_bars(verdict), strict=True)
+    # The first clauses of the warnings, those with numbers first.
+    short = [f"warning: {text.partition('; ')[0]}" for text in map(readable, verdict.warnings)]
     contents: tuple[Content, ...] = (
         Bars("", tuple(bar for check, bar in pairs if check.name not in known), brief=True),
         yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else "",
         _distance(verdict, margins),
         answer_text(verdict.answer),
-        *_warnings(verdict.warnings),
+        *sorted(short, key=lambda text: not any(map(str.isdigit, text)))[:WARNINGS],
     )
     seconds = quantity(verdict.timing["total"], "s", 3)
     count = len(verdict.warnings)
@@ -297,9 +299,3 @@ def _distance(verdict: Verdict, margins: Sequence[str]) -> str:
         at = quantity(poles.frequency, "Hz", 3)
         ringing = f"damping ratio {poles.damping_ratio:.2g} at {at}"
     return f"Distance to oscillation: {readable('; '.join((*known, ringing)))}{more}"
-
-
-def _warnings(warnings: Sequence[str]) -> list[str]:
-    """Return the first clauses of some warnings, those with numbers first."""
-    short = [f"warning: {text.partition('; ')[0]}" for text in map(readable, warnings)]
-    return sorted(short, key=lambda text: not any(map(str.isdigit, text)))[:WARNINGS]

@@ -191,7 +191,7 @@ def _poles(found: BoardCheck) -> Table:
     }
     if any(each.hidden for each in found.pole_rows):
         columns["shown"] = lambda each: "by no output" if each.hidden else ""
-    return Table.of("", found.pole_rows, columns, most={"terminal": POLES}, more="--json has all")
+    return Table.of("", found.pole_rows, columns, most={"terminal": POLES})
 
 
 def _parts(found: BoardCheck) -> Table:
@@ -210,7 +210,7 @@ def _parts(found: BoardCheck) -> Table:
             title = f"{'unstable' if stable else 'stable'} {side}"
             columns[title] = partial(edge, side=side)
     note, most = PART_WORDS + EDGE_WORDS[stable], {"terminal": PARTS}
-    return Table.of("", found.parts, columns, note, most, "--json has all")
+    return Table.of("", found.parts, columns, note, most)
 
 
 def _sweep(found: Sweep, band: float) -> Iterator[Content]:
@@ -232,7 +232,7 @@ def _sweep(found: Sweep, band: float) -> Iterator[Content]:
         **fields("at = frequency Hz"),
         **_answers(band, over=True),
     }
-    yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
+    yield Table.of("Values", found.points, points, most={"terminal": POINTS})
 
 
 def _varied(found: BoardCheck) -> Iterator[Section]:

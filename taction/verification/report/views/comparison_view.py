@@ -97,8 +97,8 @@ def _changes(title: str, result: SceneResult) -> Iterator[Content]:
         "note": "note",
     }
     yield Notes(title, lines)
-    note, more = "Times: the difference over the tolerance.", "{} more: --json has all."
-    yield Table.of("Changes", result.changes, columns, note, {"terminal": SHOWN}, more)
+    note = "Times: the difference over the tolerance."
+    yield Table.of("Changes", result.changes, columns, note, {"terminal": SHOWN})
     yield Bars("Checks", tuple(map(check_bar, result.checks)), brief=True)
 
 

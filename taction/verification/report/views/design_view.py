@@ -113,7 +113,7 @@ def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     more = {"passing": lambda each: passing[each.opamp], "outcome": _outcome}
     columns = _columns(designs) | more
     title, most = "The best design of each op-amp", {"terminal": SHOWN}
-    return Table.of(title, first_of_each(designs), columns, "", most, "{} more: --json.")
+    return Table.of(title, first_of_each(designs), columns, "", most)
 
 
 def _table(designs: Sequence[ChosenDesign]) -> Table:

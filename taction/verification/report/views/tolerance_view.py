@@ -32,7 +32,6 @@ MOVED = (
     " root of the number of samples."
 )
 NOTHING = "no part stands out by four standard errors, or fewer than 30 samples have a value."
-MORE = "{} more: --json has all."
 
 
 def yield_view(result: YieldReport) -> Page:
@@ -133,7 +132,7 @@ def parts_behind(result: YieldReport) -> Table:
     limited = [each for each in _costliest(result) if _limits(each)]
     rows = [(each, part, size) for each in limited for part, size in each.parts.items()]
     title = "What moves the limited quantities"
-    return Table.of(title, rows, columns, MOVED, {"terminal": PARTS, "notebook": PARTS}, MORE)
+    return Table.of(title, rows, columns, MOVED, {"terminal": PARTS, "notebook": PARTS})
 
 
 def most_moved(result: YieldReport) -> Iterator[Content]:
@@ -256,7 +255,7 @@ def deviations(corners: Sequence[Corner]) -> Table:
     columns: dict[str, Column] = {"part": str}
     columns |= {_name(each): partial(_deviation, each) for each in moved}
     parts = dict.fromkeys(part for each in moved for part in each.deviations)
-    return Table.of("Deviations, in tolerances", parts, columns, "", {"page": LISTED}, MORE)
+    return Table.of("Deviations, in tolerances", parts, columns, "", {"page": LISTED})
 
 
 def _deviation(corner: Corner, part: str) -> Cell | None:
