@@ -112,7 +112,11 @@ def with_input_errors(
     kept = {name: each for name, each in found.items() if name not in given}
     values: dict[str, Any] = dict(NONE)
     for name, each in kept.items():
-        values[name] = _most(name, each) if level == "max" else getattr(opamp, name)
+        values[name] = getattr(opamp, name)
+        if level == "max":  # three standard deviations away
+            size = abs(each.mean) + MOST * each.sigma
+            signed = math.copysign(size, each.mean or 1.0)
+            values[name] = -20.0 * math.log10(size) if name in DECIBELS else signed
     values |= {name: value for name, value in given.items() if name in NONE}
     changed, lacking = changes(opamp, kept, level, given, around)
     known = {*found, *given, *opamp.assumed}  # an assumed zero is no missing figure
@@ -159,14 +163,6 @@ def changes(
             wider = each.sigma * math.sqrt(factor**2 - 1.0)
             found[change] = Spread(each.mean * (factor - 1.0), wider, True)
     return {name: each for name, each in found.items() if each.mean or each.sigma}, lacking
-
-
-def _most(figure: str, found: Spread) -> float:
-    """Return the size of a figure three standard deviations away."""
-    size = abs(found.mean) + MOST * found.sigma
-    if figure in DECIBELS:
-        return -20.0 * math.log10(size)
-    return math.copysign(size, found.mean or 1.0)
 
 
 def drawn(opamp: OpAmp, deviations: Mapping[str, float], name: str = "") -> OpAmp:

@@ -83,7 +83,15 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
         if value is not None:
             _check_range(f"figures.{each.name}", value, FIGURES_LEAST.get(each.name))
     if stored.linear is not None:
-        _check_linear(stored.linear)
+        _check_range("linear.error", stored.linear.error, 0.0)
+        for part in stored.linear.parts:
+            _check_range(f"linear.parts.{part.card}", part.value)
+        check_parts(stored.linear.parts)
+        low, high = stored.linear.band
+        if not LEAST <= low < high <= MOST:
+            raise ValueError(
+                f"linear.band = {low!r}, {high!r}: expected two rising frequencies, Hz"
+            )
     from taction.netlist_gen.deck.foreign_deck import stored_subcircuit  # most boards have none
 
     try:
@@ -103,16 +111,6 @@ def _check_range(key: str, value: float, least: float | None = None) -> None:
     if abs(value) > MOST or (least is not None and value < least):
         low = -MOST if least is None else least
         raise ValueError(f"{key} = {value!r}: expected a number from {low:g} to {MOST:g}")
-
-
-def _check_linear(linear: LinearModel) -> None:
-    _check_range("linear.error", linear.error, 0.0)
-    for part in linear.parts:
-        _check_range(f"linear.parts.{part.card}", part.value)
-    check_parts(linear.parts)
-    low, high = linear.band
-    if not LEAST <= low < high <= MOST:
-        raise ValueError(f"linear.band = {low!r}, {high!r}: expected two rising frequencies, Hz")
 
 
 ACCEPTED = "a file that `taction parts import` writes"

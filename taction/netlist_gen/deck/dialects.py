@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.spice_models.opamp import THERMAL
 from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
@@ -129,7 +128,14 @@ def _native(
     if circuit.transistors:
         lines.append(f".options temp={circuit.temperature!r} tnom={circuit.temperature!r}")
     if isinstance(analysis, NoiseAnalysis):
-        return [*lines, *_noise_cards(analysis, nodes[0], circuit.noises)]
+        for part in circuit.noises:  # of a sensor: that of a resistor beside the board
+            ohms = THERMAL / part.density**2
+            lines.append(f"Rnoise_{part.name} noise_{part.name} 0 {ohms!r}")
+            lines.append(f"Gnoise_{part.name} 0 {part.node} noise_{part.name} 0 {1.0 / ohms!r}")
+        lines.append("Vnoise noise_in 0 0.0 ac 1.0")  # ngspice asks for an input
+        lines.append(".save onoise_spectrum onoise_total")
+        sweeps = (f"dec {each.density} {each.start!r} {each.stop!r}" for each in analysis.bands)
+        return [*lines, *(f".noise v({nodes[0]}) Vnoise {sweep}" for sweep in sweeps)]
     lines.append(".save " + " ".join(f"v({node})" for node in nodes))
     if not isinstance(analysis, Transient):
         return [*lines, ".op"]
@@ -304,20 +310,3 @@ def _settling(suffix: str, node: str, width: float, stop: float) -> Iterator[str
     yield f".meas tran end{suffix} MAX V({node}) FROM={END * stop!r} TO={stop!r}"
     value = f"last{suffix}+{NOT_SETTLED!r}*(end{suffix}>{width!r})"
     yield f".meas tran t_settle{suffix} param='{value}'"
-
-
-def _noise_cards(
-    analysis: NoiseAnalysis, node: str, sensors: Iterable[NoiseCurrent]
-) -> Iterator[str]:
-    """Yield the cards for the noise of a node; a sensor's is that of a resistor beside the board.
-
-    The input that ngspice asks for is connected to nothing.
-    """
-    for part in sensors:
-        ohms = THERMAL / part.density**2
-        yield f"Rnoise_{part.name} noise_{part.name} 0 {ohms!r}"
-        yield f"Gnoise_{part.name} 0 {part.node} noise_{part.name} 0 {1.0 / ohms!r}"
-    yield "Vnoise noise_in 0 0.0 ac 1.0"
-    yield ".save onoise_spectrum onoise_total"
-    for band in analysis.bands:
-        yield f".noise v({node}) Vnoise dec {band.density} {band.start!r} {band.stop!r}"

@@ -62,15 +62,6 @@ def make_problem(scene: StatedProblem) -> InverseProblem:
             problem = _from_files(scene, scene.problem)
         else:
             problem = _tactile(scene, scene.problem)
-    _check_range(scene, problem)
-    if not problem.matrix.any():
-        text = "T is all zeros; expected an entry that is not zero"
-        raise InputError(scene.file, Complaint("problem", "", text))
-    return problem
-
-
-def _check_range(scene: StatedProblem, problem: InverseProblem) -> None:
-    """Refuse arrays whose largest entry is out of range, or that have an entry without a value."""
     arrays = {"T": problem.matrix, "the strain": problem.strain, "the stress": problem.stress}
     for name, array in arrays.items():
         largest = 0.0 if array is None else float(np.abs(array).max(initial=0.0))
@@ -80,6 +71,10 @@ def _check_range(scene: StatedProblem, problem: InverseProblem) -> None:
                 f" {SMALL:g} and {LARGE:g}"
             )
             raise InputError(scene.file, Complaint("problem", "", text))
+    if not problem.matrix.any():
+        text = "T is all zeros; expected an entry that is not zero"
+        raise InputError(scene.file, Complaint("problem", "", text))
+    return problem
 
 
 def with_strains(scene: StatedProblem, strains: ArrayLike) -> list[InverseProblem]:

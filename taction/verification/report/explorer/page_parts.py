@@ -11,7 +11,6 @@ import numpy as np
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.system import charts
-from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import quantity, readable
 from taction.verification.design.exploration import (
@@ -180,7 +179,12 @@ def _figures(found: Judgement) -> dict[str, str]:
 def outputs_chart(curves: ExplorerCurves, view: BoardView, window: str) -> charts.Chart:
     """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
     end = curves.windows[window]
-    time, outputs, beyond = _shown(curves, end, view)
+    shown, supply = curves.time <= end * (1.0 + 1e-9), view.board.circuit.supply
+    time, outputs = curves.time[shown], curves.outputs[shown]
+    with np.errstate(invalid="ignore"):
+        beyond = bool((~(np.abs(outputs) <= supply)).any())
+    outputs = np.nan_to_num(outputs, nan=supply, posinf=supply, neginf=-supply)
+    outputs = np.clip(outputs, -supply, supply)
     targets, count = view.answer.target, outputs.shape[1]
     low = min(float(outputs.min()), float(targets.min()))
     limits = waveforms.with_room(low, max(float(outputs.max()), float(targets.max())))
@@ -195,21 +199,10 @@ def outputs_chart(curves: ExplorerCurves, view: BoardView, window: str) -> chart
     marks += waveforms.output_marks(time, outputs, targets.tolist(), limits, **looks)
     note = f"Dotted: targets{'; shaded: the settling band' * few}.{waveforms.looks_text(count)}"
     if beyond:
-        supply = quantity(view.board.circuit.supply, "V")
-        note += f" The chart ends at the supply of {supply}: beyond it the linear board is not the"
-        note += " board."
+        note += f" The chart ends at the supply of {quantity(supply, 'V')}: beyond it the linear"
+        note += " board is not the board."
     axes = charts.Axis("time", "s", limits=(0.0, end)), charts.Axis("", "V", limits=limits)
     return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend=False)
-
-
-def _shown(curves: ExplorerCurves, end: float, view: BoardView) -> tuple[Floats, Floats, bool]:
-    """Return a window of the curves within the supply, and whether they go beyond it."""
-    shown = curves.time <= end * (1.0 + 1e-9)
-    outputs, limit = curves.outputs[shown], view.board.circuit.supply
-    with np.errstate(invalid="ignore"):
-        beyond = bool((~(np.abs(outputs) <= limit)).any())
-    outputs = np.nan_to_num(outputs, nan=limit, posinf=limit, neginf=-limit)
-    return curves.time[shown], np.clip(outputs, -limit, limit), beyond
 
 
 @dataclass(slots=True, eq=False)

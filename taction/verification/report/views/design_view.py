@@ -32,9 +32,8 @@ from taction.verification.design.remedies import Change, Remedies
 from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned
-from taction.verification.report import texts
 from taction.verification.report.blocks import Code, Content, Notes, Page, Section, Table
-from taction.verification.report.texts import Cell, Column, figure, number_cell
+from taction.verification.report.texts import Cell, Column, figure, marked_cell, number_cell
 from taction.verification.report.views.verdict_view import on_screen
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.stability.margin import first_knob
@@ -130,7 +129,7 @@ def _outcome(design: ChosenDesign) -> Cell:
     if outcome == ERROR:  # file, key and value, then what is wrong with it
         line = line.rpartition(": ")[2]
     check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
-    return texts.marked_cell(": ".join(filter(None, (outcome, check))), outcome)
+    return marked_cell(": ".join(filter(None, (outcome, check))), outcome)
 
 
 def _band(designs: Sequence[ChosenDesign]) -> str:

@@ -20,13 +20,6 @@ from taction.verification.report.texts import Cell, Column, fields, figure, numb
 from taction.verification.report.views import answer_view as answers
 from taction.verification.report.views import board_view as boards
 from taction.verification.report.views import waveforms_view as waveforms
-from taction.verification.report.views.answer_view import (
-    answer_text,
-    decisive_text,
-    origin_section,
-    screen,
-    yield_text,
-)
 from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.stability_view import stability_blocks
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
@@ -70,7 +63,7 @@ def view(
         title=verdict.scene.name,
         command=command,
         outcome=verdict.outcome.value,
-        summary=decisive_text(verdict.checks, verdict.outcome.value),
+        summary=answers.decisive_text(verdict.checks, verdict.outcome.value),
         lines=boards.board_lines(verdict),
         sections=(
             Section("Checks", lambda: _checks(verdict, notes), media="terminal page notebook"),
@@ -96,7 +89,7 @@ def view(
                 "Parts list", lambda: boards.parts_blocks(circuit, verdict.scene), media="page"
             ),
             Section("Deck", lambda: boards.deck_blocks(verdict), media="page"),
-            origin_section(verdict.scene, engine),
+            answers.origin_section(verdict.scene, engine),
         ),
         foot=(_cost(verdict),),
     )
@@ -119,8 +112,8 @@ def _cost(verdict: Verdict) -> str:
 def _checks(verdict: Verdict, notes: Sequence[str]) -> Iterator[Content]:
     yield Bars("", answers.check_bars(verdict), answers.MARGINS)
     if verdict.outcome is Outcome.PASS:
-        yield yield_text(verdict.answer)
-    yield answer_text(verdict.answer)
+        yield answers.yield_text(verdict.answer)
+    yield answers.answer_text(verdict.answer)
     yield from map(readable, notes)
     yield Notes("Warnings", tuple(map(readable, verdict.warnings)))
 
@@ -321,7 +314,10 @@ def _constraint_plane(circuit: Circuit) -> str:
 def on_screen(page: Page, verdict: Verdict) -> tuple[Section, ...]:
     """Return the sections of a verdict's page, for a terminal those of `screen` in their place."""
     media = ((each, each.media.replace("terminal", "")) for each in page.sections)
-    return (*screen(verdict).sections, *(replace(each, media=names) for each, names in media))
+    return (
+        *answers.screen(verdict).sections,
+        *(replace(each, media=names) for each, names in media),
+    )
 
 
 def built_view(found: BuiltBoard) -> Page:
