@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -93,9 +94,7 @@ class Preferred:
 class PartLine:
     """All parts of one kind and one value."""
 
-    DOCUMENT = (
-        *("kind", "value", "references", "tolerance", "preferred", "unit", "count", "standard"),
-    )
+    SHOWN: ClassVar[tuple[str, ...]] = ("unit", "count", "standard")
 
     kind: str  # a key of `UNITS`
     value: float  # in the unit of the kind

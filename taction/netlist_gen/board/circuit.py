@@ -338,9 +338,7 @@ class Circuit(Result):
     def without_strain(self) -> Circuit:
         """The board with no strain: its resistors from strain voltages end at ground."""
         nodes = {source.node for source in self.strains if isinstance(source, boards.VoltageSource)}
-        resistors = tuple(
-            replace(part, a=GROUND) if part.a in nodes else part for part in self.resistors
-        )
+        resistors = tuple(replace(p, a=GROUND) if p.a in nodes else p for p in self.resistors)
         return replace(self, currents=(), voltages=self.constant_voltages, resistors=resistors)
 
     def __repr__(self) -> str:
@@ -394,9 +392,7 @@ def _placed(part: Branch, cell: boards.OpAmpCell) -> Branch:
     end = card if part.letter == "K" else node
     control = card if CONTROLS.get(part.letter) == 1 else node
     ends = end(part.a), end(part.b)
-    return Branch(
-        part.letter, card(part.name), *ends, part.value, tuple(map(control, part.control))
-    )
+    return Branch(part.letter, card(part.name), *ends, part.value, (*map(control, part.control),))
 
 
 def port_matrices(circuit: Circuit) -> tuple[boards.ResistorMatrix, ...]:

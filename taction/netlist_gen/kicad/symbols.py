@@ -125,7 +125,9 @@ USUAL_PINS = frozenset(
 
 def opamp(name: str, count: int, *, usual: bool) -> Symbol:
     """Return the symbol of a package with `count` op-amps; its last unit has the supply pins."""
-    cells, (plus, minus) = PINOUTS[count] if usual else _named_pins(count)
+    letters = [chr(ord("A") + place) if count > 1 else "" for place in range(count)]
+    named = tuple((f"{a}-", f"{a}+", f"{a}out") for a in letters), ("V+", "V-")
+    cells, (plus, minus) = PINOUTS[count] if usual else named
     ends = (
         *(("-", "input", (-7.62, 2.54), RIGHT), ("+", "input", (-7.62, -2.54), RIGHT)),
         ("~", "output", (7.62, 0), LEFT),
@@ -139,11 +141,6 @@ def opamp(name: str, count: int, *, usual: bool) -> Symbol:
     box = _path("-2.54,3.81 2.54,3.81 2.54,-3.81 -2.54,-3.81 -2.54,3.81")
     lines = (*((triangle,) for _ in cells), (box,))
     return Symbol(name, "U", (*units, supply), lines, numbers=usual, names=True)
-
-
-def _named_pins(count: int) -> tuple[tuple[tuple[str, str, str], ...], tuple[str, str]]:
-    letters = [chr(ord("A") + place) if count > 1 else "" for place in range(count)]
-    return tuple((f"{a}-", f"{a}+", f"{a}out") for a in letters), ("V+", "V-")
 
 
 def transistor_pair(name: str, polarity: str) -> Symbol:

@@ -320,20 +320,16 @@ def questions(scene: Scene) -> tuple[str, ...]:
     from taction.netlist_gen.topologies.frame.topology import topology_of  # it loads numpy
 
     design, topology = scene.design, topology_of(scene)
-    found = [*scene.written_questions, *percentages(scene)]
+    found = [*scene.written_questions]
+    for name in EXCURSIONS:
+        check = getattr(scene.checks, name)
+        if check is not None and check.max > 1.0:  # of the step: a percentage without its sign
+            found.append(
+                f"checks.{name}: max = {check.max:g} is {100.0 * check.max:g} % of the step; is it"
+                f" a percentage? {check.max:g} % is {check.max / 100.0:g}"
+            )
     if not PARTS & design.model_fields_set:
         found.append(DEFAULT_PARTS)
     unused = sorted(topology.unused & design.model_fields_set)
     found += [f"design.{key} has no effect with topology = {topology.name!r}" for key in unused]
     return tuple(found)
-
-
-def percentages(scene: Scene) -> Iterator[str]:
-    """Yield the limits above the whole step: a percentage without its sign."""
-    for name in EXCURSIONS:
-        check = getattr(scene.checks, name)
-        if check is not None and check.max > 1.0:
-            yield (
-                f"checks.{name}: max = {check.max:g} is {100.0 * check.max:g} % of the step; is it"
-                f" a percentage? {check.max:g} % is {check.max / 100.0:g}"
-            )

@@ -144,9 +144,6 @@ class Tolerances(fields.Model):
     opamp_drift: fields.Real = entry(-3e-3, "of the gain-bandwidth product, per K")
 
 
-SecondsOrZero = Annotated[float, fields.Unit("s", zero=True)]
-
-
 class LevelTolerance(fields.Model):
     """Targets, finals, over- and undershoot; `absolute` is a fraction of the step amplitude."""
 
@@ -158,7 +155,7 @@ class TimeTolerance(fields.Model):
     """Rise times and settling times."""
 
     relative: fields.NonNegative = 0.02
-    absolute: SecondsOrZero = 0.0
+    absolute: Annotated[float, fields.Unit("s", zero=True)] = 0.0
 
 
 class PoleTolerance(fields.Model):

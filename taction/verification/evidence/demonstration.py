@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, NoVerdictError
 from taction.system.output_files import check_file
 from taction.system.progress import Notice, Progress
-from taction.system.quantities import banded, percent, readable, show
+from taction.system.quantities import banded, percent, quantity
 from taction.system.results import Result
 from taction.verification.evidence.paper.findings import paper_scene
 from taction.verification.reference.ideal_answer import ideal_network
@@ -127,10 +127,8 @@ def demo(
 def _texts(works: Verdict, oscillates: Verdict, settles: Verdict) -> tuple[str, str, str]:
     """Return what each board shows, with the numbers of its verdict."""
     circuit, band = works.circuit, works.measurements.band
-    first, after = (
-        readable(show(_figure(each, "settling_time"), "s")) for each in (works, settles)
-    )
-    frequency = readable(show(_figure(oscillates, "frequency"), "Hz"))
+    first, after = (quantity(_figure(each, "settling_time"), "s") for each in (works, settles))
+    frequency = quantity(_figure(oscillates, "frequency"), "Hz")
     overshoot, less = (_figure(each, "overshoot") for each in (works, settles))
     return (
         f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"

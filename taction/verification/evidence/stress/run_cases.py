@@ -97,7 +97,8 @@ def _readings(verdict: Verdict, truth: TrueValues) -> Iterator[tuple[Any, ...]]:
     for check in verdict.checks:
         value, uncertainty = check.value, check.uncertainty
         undecided = check.outcome is Outcome.INCONCLUSIVE
-        undecided |= check.name == "steady_state" and _varies(verdict)
+        # By how parts differ, of which a deck has one each.
+        undecided |= check.name == "steady_state" and verdict.spread is not None
         if value is None or uncertainty is None or undecided or check.name not in NETWORK:
             continue
         true = _of_the_network(check.name, verdict, truth)
@@ -130,7 +131,7 @@ def wrong_checks(verdict: Verdict, truth: TrueValues) -> Iterator[str]:
     """Yield the decided checks whose outcome contradicts the true value, with both."""
     for check in verdict.checks:
         right = _right_outcome(check, verdict, truth)
-        if right is Outcome.PASS and check.name in RESTING and _varies(verdict):
+        if right is Outcome.PASS and check.name in RESTING and verdict.spread is not None:
             continue
         if right is not None and check.outcome not in (right, Outcome.INCONCLUSIVE):
             yield f"{check.name} is {check.outcome.value}, the truth is {right.value}"
@@ -158,11 +159,6 @@ def _right_outcome(check: Check, verdict: Verdict, truth: TrueValues) -> Outcome
     lowest = getattr(limits, "min", None) or 0.0
     highest = math.inf if limits.max is None else limits.max
     return PASSED[lowest <= value <= highest]
-
-
-def _varies(verdict: Verdict) -> bool:
-    """Whether the steady state is judged by how parts differ: a deck has one of each only."""
-    return verdict.spread is not None
 
 
 def _of_the_network(name: str, verdict: Verdict, truth: TrueValues) -> float:

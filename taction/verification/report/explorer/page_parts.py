@@ -34,7 +34,6 @@ from taction.verification.verdict.record import ERROR
 
 POINTS = 500  # of a curve
 ALL_POINTS = 12_000  # of all curves
-VALUE_DIGITS = 6
 CELLS = 9  # of the strip below a slider: one verdict in the middle of each
 STATES = {True: "stable", False: "unstable", None: "undecided"}
 Part = dict[str, Any]
@@ -58,7 +57,7 @@ def place_part(control: Control, value: float) -> Part:
     return {"text": typed_value(value, control.unit), "place": place, "own": value == control.own}
 
 
-def typed_value(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
+def typed_value(value: float, unit: str, digits: int = 6) -> str:
     """Return a value as a user may type it, too: ``"12 pF"``, ``"0.003"``."""
     return quantity(value, unit, digits) if unit else f"{value:.{digits}g}"
 
@@ -152,27 +151,23 @@ def boundary_part(found: Edges | EngineError, control: Control) -> Part:
 def verdict_part(found: Judgement) -> Part:
     """Return the checks of a verdict, and its numbers."""
     record, warnings = found.record, found.warnings
-    text = answers.decisive_text(record.checks, record.outcome)
+    text, value = answers.decisive_text(record.checks, record.outcome), record.value
     if found.answer is not None:
         text = f"{text} {answers.answer_text(found.answer)}".rstrip()
+    band = next(filter(None, map(band_text, record.checks)), "")
+    readings = {
+        f"settling time {band}".rstrip(): quantity(value("settling_time"), "s"),
+        "rise time": quantity(value("rise_time"), "s"),
+        "overshoot": figure(value("overshoot") if record.stable else None, "step"),
+    }
     if record.outcome == ERROR:
-        text, warnings = "there is no verdict on these values", (record.reason,)
+        text, warnings, readings = "there is no verdict on these values", (record.reason,), {}
     return {
         "outcome": record.outcome,
         "verdict_text": text,
         "checks": Bars("", tuple(map(answers.check_bar, record.checks))),
-        "readings": {} if record.outcome == ERROR else _figures(found),
+        "readings": readings,
         "warnings": [*map(readable, warnings)],
-    }
-
-
-def _figures(found: Judgement) -> dict[str, str]:
-    value = found.record.value
-    band = next(filter(None, map(band_text, found.record.checks)), "")
-    return {
-        f"settling time {band}".rstrip(): quantity(value("settling_time"), "s"),
-        "rise time": quantity(value("rise_time"), "s"),
-        "overshoot": figure(value("overshoot") if found.record.stable else None, "step"),
     }
 
 

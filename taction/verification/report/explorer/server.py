@@ -18,11 +18,11 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
@@ -33,6 +33,9 @@ from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES
 from taction.verification.report.renderers.page import templates
 
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Send
+
 HOST = "127.0.0.1"
 REFUSED = "403: open the address that `taction explore` printed\n"
 POLICY = (
@@ -41,17 +44,13 @@ POLICY = (
     " form-action 'none'"
 )
 
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Message, Receive, Send], Awaitable[None]]
 ADMITTED = {"referrer-policy": "no-referrer", "cache-control": "no-store"}
 
 
 class Guard:
     """An ASGI application that lets only the owner of `token` through to `app`."""
 
-    def __init__(self, app: App, token: str, port: int) -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
         self.app, self._token, self._cookie = app, token, f"taction-{port}"
         self._hosts = (f"{HOST}:{port}", f"localhost:{port}")
 
@@ -100,7 +99,6 @@ def _with_policy(send: Send, host: str) -> Send:
 
 
 PAGE = Path(__file__).parent / "page"
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def bound(wanted: int) -> socket.socket:
@@ -139,8 +137,8 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
 
     async def open_to_all() -> None:
         announce(address)  # a browser that is faster than the server waits
-        seen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, DISPLAYS))
-        if show and seen:
+        display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if show and (display or sys.platform in ("darwin", "win32")):
             await asyncio.to_thread(webbrowser.open, address)
         await judging.warm_up()
         gc.freeze()  # a collection that visits all imported modules takes longer than a move

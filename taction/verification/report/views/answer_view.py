@@ -14,8 +14,15 @@ from typing import Any
 from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import counted, percent, quantity, readable, spaced
-from taction.verification.report.blocks import Bar, Bars, Content, Facts, Page, Section
-from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounded_up, with_error
+from taction.verification.report.blocks import Bar, Bars, Content, Page, Section
+from taction.verification.report.texts import (
+    KNOWN,
+    LEAST_SHARE,
+    figure,
+    rounded_up,
+    titled,
+    with_error,
+)
 from taction.verification.studies.running.versions import describe_machine, digest, own_code
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, band_text, cause, causes, listed
@@ -59,8 +66,7 @@ def yield_text(answer: AnswerError) -> str:
 
 def true_error_text(answer: AnswerError) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
-    text = _truth(answer, "the regularised answer")
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{titled(_truth(answer, 'the regularised answer'))}."
 
 
 def of_unit(answer: AnswerError) -> str:
@@ -218,9 +224,7 @@ SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "pr
 
 def origin_section(scene: Scene | None, more: Rows = ()) -> Section:
     """Return the versions and hashes behind a page, after the rows `more`; None: many scenes."""
-    return Section(
-        "Versions and hashes", lambda: Facts("", tuple(_rows(scene, more))), media="page"
-    )
+    return Section("Versions and hashes", lambda: dict(_rows(scene, more)), media="page")
 
 
 def _rows(scene: Scene | None, more: Rows) -> Iterator[tuple[str, str]]:

@@ -134,9 +134,7 @@ def _entries(T: Floats, hover: tuple[tuple[str, ...], ...] = ()) -> Grid:
     """Return T with a colour for each entry that is not zero."""
     written: tuple[tuple[str, ...], ...] = ()
     if max(T.shape) <= WRITTEN:
-        written = tuple(
-            tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
-        )
+        written = tuple(tuple(f"{t:+.2g}" if t else "" for t in row) for row in T.tolist())
     y, x = (1.0 + np.arange(count) for count in T.shape)
     return Grid(x, y, np.where(T == 0.0, np.nan, T), "", "signed", texts=hover, written=written)
 

@@ -57,7 +57,6 @@ TITLES = {  # title and unit of every figure of the data file
 POINTS = 500  # of a Bode plot
 BELOW, ABOVE = 0.01, 100.0  # its ends: of the first pole, and of the unity-gain bandwidth
 ABSENT = (0.0, math.inf, -math.inf, None)  # values of a figure that a part does not have
-Origins = Mapping[str, Origin]  # by the name of the figure
 WORDS = ("derived", "assumed")  # in the place of a document
 AT_LEAST = ("common_mode_rejection", "supply_rejection", "dc_gain")  # guaranteed minima
 LISTED = {  # figures of the list of op-amps, beside the range of the supply; `view` has all
@@ -98,7 +97,9 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
     return {name: value for name, value in values.items() if value not in ABSENT}
 
 
-def _rows(opamp: OpAmp, origins: Origins, documents: dict[str, str]) -> Iterator[tuple[Cell, ...]]:
+def _rows(
+    opamp: OpAmp, origins: Mapping[str, Origin], documents: dict[str, str]
+) -> Iterator[tuple[Cell, ...]]:
     """Yield the figures; `documents` takes the number of each document that they name."""
     limits = dict(opamp.guaranteed)
     for name, value in stated_figures(opamp).items():
@@ -180,11 +181,11 @@ def list_view(models: Mapping[str, OpAmp]) -> Page:
 
 def imported_view(result: ImportedModel) -> Page:
     """Return the page of an imported model: what was measured, and how a scene uses it."""
-    model, lines = result.model, []
+    model, facts, lines = result.model, dict[str, str](), list[str]()
     for key, value in model["figures"].items():
         unit = TITLES[key][1] if key in TITLES else "F" if "capacitance" in key else "ohm"
         text = "none found" if value is None else show(value, "V" if key == "swing" else unit)
-        lines.append(f"  {key.replace('_', ' '):22} {text}")
+        facts[key.replace("_", " ")] = text
     lines += [f"warning: {doubt}" for doubt in model["doubts"]]
     linear = model["linear"]
     if linear is not None:
@@ -196,7 +197,7 @@ def imported_view(result: ImportedModel) -> Page:
     return Page(
         title=f"{model['name']}, simulated at ±{show(model['supply'], 'V')}",
         command="taction parts import",
-        sections=(Section("Figures", lines, media="terminal page notebook"),),
+        sections=(Section("Figures", (facts, *lines), media="terminal page notebook"),),
     )
 
 

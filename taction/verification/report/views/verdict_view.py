@@ -53,14 +53,14 @@ def view(
     `changes` are lines about what can mend it, of which the first introduces the others; `notes`
     stand below the checks, such as the margins.
     """
-    circuit, waves = verdict.circuit, verdict.waveforms
+    circuit, waves, scene = verdict.circuit, verdict.waveforms, verdict.scene
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
     detailed = "terminal page" if verbose else "page"
     first, *mends = [readable(line.strip()) for line in changes.splitlines()] or [""]
     lead = first.removesuffix(":").removeprefix("what to change").strip()
     records = (waveforms.outputs_chart, waveforms.deviation_chart, waveforms.difference_chart)
     return Page(
-        title=verdict.scene.name,
+        title=scene.name,
         command=command,
         outcome=verdict.outcome.value,
         summary=answers.decisive_text(verdict.checks, verdict.outcome.value),
@@ -83,13 +83,11 @@ def view(
             Section("Error budget", lambda: _rest_parts(verdict), media=detailed),
             Section("Headroom", lambda: _headroom(verdict)),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
-            Section("Board", lambda: boards.board_blocks(circuit, verdict.scene), media="page"),
+            Section("Board", lambda: boards.board_blocks(circuit, scene), media="page"),
             Section("Left out", lambda: boards.omissions(circuit), media="page"),
-            Section(
-                "Parts list", lambda: boards.parts_blocks(circuit, verdict.scene), media="page"
-            ),
+            Section("Parts list", lambda: boards.parts_blocks(circuit, scene), media="page"),
             Section("Deck", lambda: boards.deck_blocks(verdict), media="page"),
-            answers.origin_section(verdict.scene, engine),
+            answers.origin_section(scene, engine),
         ),
         foot=(_cost(verdict),),
     )
@@ -288,9 +286,7 @@ def _ideal_flow(verdict: Verdict) -> dict[str, str]:
     rise = flow.energy_rise(verdict.ideal.network, verdict.waveforms.time, verdict.u)
     if rise is None:
         return found
-    share = (
-        f"rises by at most {figure(rise[0], 'step', 2)} of its fall, at {quantity(rise[1], 's')}"
-    )
+    share = f"rises by {figure(rise[0], 'step', 2)} of its fall, at {quantity(rise[1], 's')}"
     return found | {"energy": f"{share}; that of the ideal network never rises"}
 
 

@@ -26,14 +26,6 @@ OVER = 1.35  # times the supply and the targets: what is shown of a growing reco
 SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
 
 
-def early_end(verdict: Verdict) -> float:
-    """Return the end of the first rise, s: some rise times, or periods of an oscillation."""
-    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
-    if not rises and verdict.poles.frequency > 0.0:
-        rises = [1.0 / verdict.poles.frequency]
-    return min(EARLY * max(rises, default=math.inf), float(verdict.waveforms.time[-1]))
-
-
 def channel_names(places: Iterable[int]) -> str:
     """Return the names of channels, of three and more in a row the first and the last.
 
@@ -102,7 +94,15 @@ def outputs_chart(verdict: Verdict) -> charts.Chart:
     """Return the first rise of the outputs, or their growth, with their targets."""
     found, end = verdict.measurements, float(verdict.waveforms.time[-1])
     targets = [channel.target for channel in found.channels]
-    (limits, cut), shown = _window(verdict), (0.0, early_end(verdict))
+    rises = [each.rise_time.value for each in found.channels if each.rise_time is not None]
+    if not rises and verdict.poles.frequency > 0.0:
+        rises = [1.0 / verdict.poles.frequency]
+    shown = 0.0, min(EARLY * max(rises, default=math.inf), end)
+    every = np.append(targets, np.where(np.isfinite(verdict.u), verdict.u, 0.0))
+    allowed = OVER * max(verdict.circuit.supply, float(np.abs(targets).max()))
+    cut = bool(np.abs(every).max() > allowed)  # a record that grows
+    low, high = np.clip((every.min(), every.max()), -allowed, allowed).tolist()
+    limits = with_room(low, high)
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
         shown = _up_to_supply(verdict, verdict.u / (found.amplitude or 1.0))[0]
     marks = [*output_marks(verdict.waveforms.time, verdict.u, targets, limits)]
@@ -132,15 +132,6 @@ def settled_text(verdict: Verdict) -> str:
     found = verdict.measurements
     at = None if found.settling_time is None else found.settling_time.value
     return f"{banded('settled', found.band)} at {quantity(at, 's')}"
-
-
-def _window(verdict: Verdict) -> tuple[charts.Limits, bool]:
-    """Return the shown range of the outputs, V, and whether a growing record is cut off."""
-    targets = np.array([c.target for c in verdict.measurements.channels])
-    every = np.append(targets, np.where(np.isfinite(verdict.u), verdict.u, 0.0))
-    allowed = OVER * max(verdict.circuit.supply, float(np.abs(targets).max()))
-    low, high = np.clip((every.min(), every.max()), -allowed, allowed).tolist()
-    return with_room(low, high), bool(np.abs(every).max() > allowed)
 
 
 def end_names(
