@@ -15,14 +15,7 @@ from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import counted, percent, quantity, readable, spaced
 from taction.verification.report.blocks import Bar, Bars, Content, Page, Section
-from taction.verification.report.texts import (
-    KNOWN,
-    LEAST_SHARE,
-    figure,
-    rounded_up,
-    titled,
-    with_error,
-)
+from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounded_up, with_error
 from taction.verification.studies.running.versions import describe_machine, digest, own_code
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, band_text, cause, causes, listed
@@ -66,7 +59,8 @@ def yield_text(answer: AnswerError) -> str:
 
 def true_error_text(answer: AnswerError) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
-    return f"{titled(_truth(answer, 'the regularised answer'))}."
+    text = _truth(answer, "the regularised answer")
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def of_unit(answer: AnswerError) -> str:
