@@ -94,7 +94,7 @@ def _changes(title: str, result: SceneResult) -> Iterator[Content]:
         "what": "label",
         **{title: partial(_stored, name=name) for title, name in VALUES.items()},
         "times": lambda each: _off(each.off),
-        "note": "note",
+        "note": "note words",
     }
     yield Notes(title, lines)
     note = "Times: the difference over the tolerance."

@@ -278,11 +278,13 @@ def _ideal_flow(verdict: Verdict) -> dict[str, str]:
     """Return when the ideal network settles, and how far the energy of the record rises."""
     from taction.verification.evidence.paper import ideal_flow as flow
 
+    band = verdict.measurements.band
+    title = f"the ideal network {banded('settles', band)} in"
     try:
-        when = flow.settling_time(*flow.ideal_record(verdict.ideal), verdict.measurements.band)
-        found = {"the ideal network settles in": quantity(when, "s", 3)}
+        when = flow.settling_time(*flow.ideal_record(verdict.ideal), band)
+        found = {title: quantity(when, "s", 3)}
     except SolverError as error:
-        found = {"the ideal network settles in": f"unknown: {error}"}
+        found = {title: f"unknown: {error}"}
     rise = flow.energy_rise(verdict.ideal.network, verdict.waveforms.time, verdict.u)
     if rise is None:
         return found

@@ -150,7 +150,7 @@ def test_the_ideal_network_and_the_energy_are_beside_the_effort() -> None:
     network = verdicts()["passing"].ideal.network
     time, u = linear_outputs(network)
     when = quantity(settling_time(time, u, verdicts()["passing"].measurements.band), "s", 3)
-    assert facts["the ideal network settles in"] == when
+    assert facts["the ideal network settles to ±1 % in"] == when
     assert facts["energy"].endswith("; that of the ideal network never rises")
 
 
