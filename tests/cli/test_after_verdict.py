@@ -40,7 +40,7 @@ def broken(*given: Any, **more: Any) -> Any:
         (f"{VIEW}.verdict_view._headroom", "'Headroom' failed", ""),
         (f"{VIEW}.verdict_view.budget_table", "'Error budget' failed", ""),
         (f"{VIEW}.verdict_view.channel_table", "'Waveforms' failed", ""),
-        (f"{VIEW}.verdict_view.decisive_text", "the text failed", ""),
+        (f"{VIEW}.answer_view.decisive_text", "the text failed", ""),
         (f"{DRAWN}.page.page_html", "--report failed", "--report x.html"),
         (f"{DRAWN}.picture.draw_page", "--plot failed", "--plot x.svg"),
     ],

@@ -136,10 +136,8 @@ def poles_part(view: BoardView) -> Part:
 
 def boundary_part(found: Edges | EngineError, control: Control) -> Part:
     """Return the stable values of a knob as parts of its slider, and in words."""
-    known = not isinstance(found, EngineError)
-    text = f"not known: {readable(str(found))}"
-    strip = list[tuple[float, float]]()
-    if not isinstance(found, EngineError):
+    strip, text = list[tuple[float, float]](), f"not known: {readable(str(found))}"
+    if known := not isinstance(found, EngineError):
         strip = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
         text = ranges_text(found, control.low, control.high, control.unit)
     return {

@@ -109,12 +109,10 @@ def _output(result: SceneResult) -> charts.Chart | None:
     if then is None or now is None or not result.changes:
         return None
     text = "Dashed: the baseline. The output is the first in the table of changes, else u1."
-    marks = (
-        charts.Curve(then[0], then[1], "baseline", "muted", "dash", width=2.5),
-        charts.Curve(now[0], now[1], "now"),
-    )
-    axes = charts.TIME, charts.Axis("output", "V")
-    return charts.Chart(f"Output u{n}, now and in the baseline", *axes, marks, text, height=300)
+    old = charts.Curve(then[0], then[1], "baseline", "muted", "dash", width=2.5)
+    new = charts.Curve(now[0], now[1], "now")
+    title, axes = f"Output u{n}, now and in the baseline", (charts.TIME, charts.Axis("output", "V"))
+    return charts.Chart(title, *axes, (old, new), text, height=300)
 
 
 VALUES = {
