@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lxml import etree
 
 import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.kicad.board import kicad_project
+from taction.netlist_gen.kicad.board import channel_sheet, kicad_project
 from taction.netlist_gen.kicad.part_symbols import BoardParts, reference, wiring
+from taction.netlist_gen.kicad.sheet import Label, SchematicSheet
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from tests.support.making import make_scene
@@ -79,6 +81,23 @@ def project_of(scene: Scene) -> dict[str, str]:
 
 def custom() -> Scene:
     return load_scene(SCENES / "custom-matrix.toml")
+
+
+@pytest.mark.parametrize("file", ["custom-matrix", "inverse", "paper-exponential-devices"])
+def test_one_channel_is_a_picture_with_every_part_of_its_sheet(file: str) -> None:
+    scene = load_scene(SCENES / f"{file}.toml")
+    sheet = channel_sheet(synthesise(scene), scene, 0, 0)
+    texts = [each.text for each in etree.fromstring(sheet.svg()).iter("text")]
+    cards = {each.part.fields["Deck"] for each in sheet.placed if "Deck" in each.part.fields}
+    assert "Rf_1_1" in cards
+    assert cards <= set(texts)
+    assert not any(re.fullmatch(r"R[fb]_(?!1_1).*", text) for text in texts)
+
+
+def test_a_text_in_a_picture_is_no_markup() -> None:
+    sheet = SchematicSheet("one", labels=[Label("<b>&", (0, 0))])
+    sheet.wire((0, 0), (4, 0))
+    assert "&lt;b&gt;&amp;</text>" in sheet.svg()
 
 
 def schematics(project: dict[str, str]) -> list[Any]:
