@@ -18,6 +18,8 @@ from taction.netlist_gen.board.parts import (
     VoltageSource,
 )
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.variation import draw, parameters, vary
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
@@ -215,3 +217,10 @@ def outputs_at_rest(circuit: Circuit) -> Floats:
     """Return the outputs of a board at rest, V, with their signs."""
     rest = LinearBoard(circuit).equilibrium
     return np.array([output.sign * rest[output.node] for output in circuit.outputs])
+
+
+def sampled(circuit: Circuit, count: int, tolerances: Tolerances) -> Floats:
+    """Outputs at rest, V, (count, N), of boards whose parts are drawn one by one."""
+    varied = parameters(circuit, tolerances)
+    drawn = (draw(tolerances, varied, 40, k) for k in range(count))
+    return np.array([outputs_at_rest(vary(circuit, tolerances, z)) for z in drawn])

@@ -13,7 +13,7 @@ from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import DEVICE, draw, parameters, vary
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.check_keys import NoiseCheck, Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.array_types import Floats
@@ -22,7 +22,6 @@ from taction.verification.engines.ngspice.process import Simulation, find_simula
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.stepped import simulate
-from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support import nightly
 from tests.support.paths import SCENES
@@ -148,16 +147,6 @@ def test_large_boards_have_the_same_transient(name: str, monkeypatch: pytest.Mon
 def test_a_stage_that_cannot_be_built_is_refused(design: dict[str, Any], text: str) -> None:
     with pytest.raises(InputError, match=text):
         synthesise(changed(**design))
-
-
-def test_ngspice_has_the_same_noise(ngspice: str) -> None:
-    scene = load_scene(PATH)
-    checks = scene.checks.model_copy(update={"noise": NoiseCheck(max=1e-3)})
-    scene = scene.model_copy(update={"checks": checks})
-    noise = build(scene).noise
-    assert noise.simulated is not None
-    assert noise.largest == pytest.approx(1.383e-4, rel=0.01)
-    assert noise.difference < 1e-4 * noise.largest
 
 
 def scene(T: list[list[float]], eps: list[float], **keys: Any) -> Scene:

@@ -16,7 +16,6 @@ from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.verdict.checks import Cause, Check, Outcome, cause, causes, following
 from taction.verification.verdict.run import bounded
-from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.verify import all_warnings, find_contradiction
 from tests.support.making import make_scene, matrix_problem
 from tests.support.measured import STABLE, UNSTABLE, channel, evidence, measured, rounded_poles
@@ -49,17 +48,6 @@ PROBLEM = matrix_problem([[1.0, -0.3], [0.2, 0.8]], [1.0, 0.5])
 )  # fmt: skip
 def test_a_failure_is_said_with_value_and_limit(check: Check, text: str) -> None:
     assert cause([check]) == Cause(check.name, text, text)
-
-
-def test_an_unstable_board_has_one_cause() -> None:
-    wanted = {"settling_time": {"max": 1.0}, "overshoot": {"max": 0.1}, "rise_time": {"max": 1.0}}
-    checks = run_checks(evidence(channel(), poles=UNSTABLE, checks=wanted))
-    (found,) = causes(checks)
-    assert found.check == "stability"
-    assert found.text.startswith("oscillates at ")
-    assert found.text.endswith("(limit: below 0 /s)")
-    assert "growth rate +" in found.text
-    assert set(found.follows) == {"steady_state", "settling_time", "rise_time", "overshoot"}
 
 
 def test_a_board_that_never_rests_has_no_overshoot_of_its_own() -> None:
@@ -151,16 +139,6 @@ def made(**design: Any) -> tuple[Circuit, IdealAnswer]:
     return synthesise(scene, PROBLEM), ideal_answer(ideal_network(PROBLEM, scene), scene)
 
 
-@pytest.mark.parametrize("given", [{"lambda": 0.3}, {"resistance": "2Mohm"}])
-@pytest.mark.parametrize("amplifier", ["linear", "exponential", "tanh"])
-def test_a_board_and_its_reference_agree(amplifier: str, given: dict[str, Any]) -> None:
-    volts = {"unit_voltage": "0.3V"}
-    if amplifier != "linear":
-        volts["exponential_slope"] = "70mV"
-    circuit, ideal = made(amplifier=amplifier, **volts, **given)
-    assert find_contradiction(circuit, ideal, ideal.start) == ""
-
-
 @pytest.mark.parametrize(
     ("number", "text"),
     [
@@ -172,6 +150,7 @@ def test_a_board_and_its_reference_agree(amplifier: str, given: dict[str, Any]) 
 def test_another_number_is_a_contradiction(number: str, text: str) -> None:
     slope = {"amplifier": "exponential", "exponential_slope": "70mV"} if number == "Ve" else {}
     circuit, ideal = made(**{"lambda": 0.3}, **slope)
+    assert find_contradiction(circuit, ideal, ideal.start) == ""
     doubled = replace(circuit.facts[number], value=2.0 * circuit.value(number))
     changed = replace(circuit, facts={**circuit.facts, number: doubled})
     assert text in find_contradiction(changed, ideal, ideal.start)

@@ -1,7 +1,8 @@
-"""The spread of a board's rest over op-amps of one type, against equilibria of drawn boards."""
+"""The spread of a board's rest, and what is said of it, against equilibria of drawn boards."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +13,17 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import draw, parameters, vary, with_factors
 from taction.netlist_gen.scene.check_keys import Tolerances
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.input_spread import InputSpread
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import verify
-from tests.support.boards import outputs_at_rest
+from tests.support.boards import outputs_at_rest, sampled
 from tests.support.making import make_scene
+from tests.support.measured import named
 
 UA741 = {"base": "ua741", "input_errors": "typical"}
 DESIGN: dict[str, Any] = {"capacitance": "1nF", "lambda": 0.1, "gain": "100kohm"}
@@ -35,8 +39,16 @@ KINDS = {
 PROBLEM = {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.6, -0.4]}
 
 
+BOARDS, SIGMAS = 1000, 4.0
+
+
+def scene(design: dict[str, Any] | None = None, **tables: Any) -> Scene:
+    analysis = {"engine": "statespace"}
+    return make_scene(problem=PROBLEM, design=DESIGN | (design or {}), analysis=analysis, **tables)
+
+
 def board(kind: str = "linear", **design: Any) -> Circuit:
-    return synthesise(make_scene(problem=PROBLEM, design={**DESIGN, **KINDS[kind], **design}))
+    return synthesise(scene(KINDS[kind] | design))
 
 
 def drawn_board(circuit: Circuit, deviations: dict[str, float]) -> Circuit:
@@ -45,20 +57,11 @@ def drawn_board(circuit: Circuit, deviations: dict[str, float]) -> Circuit:
     return vary(circuit, EXACT, np.array([deviations.get(each.name, 0.0) for each in varied]) / 3.0)
 
 
-def sampled(circuit: Circuit, count: int) -> Floats:
-    """Outputs at rest, V, (count, N), of boards whose op-amps are drawn one by one."""
-    random, rows = np.random.default_rng(7), []
-    names = [f"{c.name}.{f}" for c in circuit.opamps for f, _ in circuit.models[c.model].varying]
-    for z in random.standard_normal((count, len(names))):
-        rows.append(outputs_at_rest(drawn_board(circuit, dict(zip(names, z, strict=True)))))
-    return np.array(rows)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_mean_and_deviation_are_those_of_drawn_boards(kind: str) -> None:
     found = InputSpread.of(LinearBoard(board(kind)))
     assert found is not None
-    outputs = sampled(board(kind), 200)
+    outputs = sampled(board(kind), 200, EXACT)
     np.testing.assert_allclose(found.sigma, outputs.std(axis=0), rtol=0.15)
     assert (np.abs(found.mean - outputs.mean(axis=0)) < 5.0 * found.sigma / np.sqrt(200)).all()
     assert found.curvature < (0.1 if kind == "exponential" else 1e-3)
@@ -91,19 +94,17 @@ def test_a_board_without_errors_has_no_spread_and_a_drawn_one_neither() -> None:
     for level in ("none", False):
         found = board(opamp={"base": "ua741", "input_errors": level})
         assert InputSpread.of(LinearBoard(found)) is None
-    scene = make_scene(problem=PROBLEM, design=DESIGN)
-    varied = parameters(synthesise(scene), scene.tolerances)
+    circuit, tolerances = board(), Tolerances()
+    varied = parameters(circuit, tolerances)
     errors = [each for each in varied if each.kind == "input_error"]
-    assert len(errors) == 4 * len(synthesise(scene).opamps)
-    z = draw(scene.tolerances, varied, 1, 1)
-    assert InputSpread.of(LinearBoard(vary(synthesise(scene), scene.tolerances, z))) is None
+    assert len(errors) == 4 * len(circuit.opamps)
+    z = draw(tolerances, varied, 1, 1)
+    assert InputSpread.of(LinearBoard(vary(circuit, tolerances, z))) is None
 
 
 def test_the_verdict_takes_the_worse_of_one_sign_and_of_95_percent() -> None:
-    scene = make_scene(problem=PROBLEM, design=DESIGN, analysis={"engine": "statespace"})
-    (alike,) = (c for c in verify(scene).checks if c.name == "steady_state")
-    found = InputSpread.of(LinearBoard(synthesise(scene)))
-    verdict = verify(scene)
+    verdict, found = verify(scene()), InputSpread.of(LinearBoard(board()))
+    alike = named(verdict, "steady_state")
     assert found is not None
     volts, _ = found.distance(verdict.ideal.target)
     static = np.abs(verdict.steady.values - verdict.ideal.target).max()
@@ -172,12 +173,11 @@ def test_resistors_drift_each_by_itself() -> None:
 
 def test_the_verdict_counts_what_the_scene_asks_for() -> None:
     """The check fails where the drift is beyond its limit."""
-    parts = {**DESIGN, "opamp": DESIGN["opamp"] | {"base": "tl084", "offset_voltage": 0.0}}
+    parts = {"opamp": DESIGN["opamp"] | {"base": "tl084", "offset_voltage": 0.0}}
 
     def found(**design: Any) -> Any:
         checks = {"steady_state": {"tolerance": 4e-3}, "settling_time": {"band": 0.1}}
-        scene = make_scene(problem=PROBLEM, design={**parts, **design}, checks=checks)
-        return verify(scene.with_engine("statespace"))
+        return verify(scene(parts | design, checks=checks))
 
     room, hot = found(), found(**HOT, temperature_coefficient=5e-5)
     before, after = (v.checks[0] for v in (room, hot))
@@ -214,3 +214,13 @@ def test_with_changes_around_the_farther_of_both_places_counts(mean: float) -> N
     distance, error = spread.distance(np.zeros(1))
     assert abs(distance - 0.3 - 1.6448536 * 0.01) < min(error, 1e-3)
     assert 0.5 < spread.within(np.zeros(1), 0.3) < 0.52
+
+
+@pytest.mark.parametrize("distribution", ["normal", "uniform"])
+def test_gains_of_op_amps_spread_the_outputs_at_rest(distribution: str) -> None:
+    tolerances = {"resistor": 0.0, "opamp_gain": 0.1, "distribution": distribution}
+    asked = scene({"opamp": {"base": "ideal", "dc_gain": 2e3}}, tolerances=tolerances)
+    spread = build(asked).built_spread(asked.tolerances)
+    assert spread is not None
+    rests = sampled(synthesise(asked), BOARDS, asked.tolerances)
+    assert spread.sigma == pytest.approx(rests.std(axis=0), rel=SIGMAS / math.sqrt(2.0 * BOARDS))

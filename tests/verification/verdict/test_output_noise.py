@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
-from taction.verification.verdict.board import STEP, OutputNoise, noise_bands
+from taction.verification.verdict.board import OutputNoise, noise_bands
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.mutation.planting import CircuitChange, figures, scaled
@@ -200,25 +198,3 @@ def test_a_board_whose_noise_has_no_bound_is_undecided(design: dict[str, Any], r
     assert check.outcome is Outcome.INCONCLUSIVE
     assert reason in check.reason
     assert next(part for part in verdict.budget if part.name == "noise").value is None
-
-
-POLES = {
-    "one pole": [-1e3 + 0j],
-    "two poles": [-1.0 + 0j, -1e9 + 0j],
-    "resonances": [-1e3 + 1e6j, -1e3 - 1e6j, -50.0 + 1.01e6j, -50.0 - 1.01e6j, -1e8 + 0j],
-}
-
-
-@pytest.mark.parametrize("name", POLES)
-def test_every_step_is_a_part_of_the_distance_to_the_nearest_pole(name: str) -> None:
-    poles = np.array(POLES[name])
-    bands = noise_bands(poles)
-    assert bands[0].start < 1e-3 * np.abs(poles).min() / math.tau
-    assert bands[-1].stop > 1e3 * np.abs(poles).max() / math.tau
-    for band, following in itertools.pairwise(bands):
-        assert band.stop == pytest.approx(following.start, rel=1e-12)
-    for band in bands:
-        f = band.start * 10.0 ** (np.arange(band.steps) / band.density)
-        distance = np.abs(1j * math.tau * f[:, None] - poles).min(axis=1)
-        step = math.tau * f * math.log(10.0) / band.density
-        assert (step <= (1.0 + 1e-9) * STEP * distance).all()
