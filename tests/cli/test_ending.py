@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -85,14 +84,6 @@ def test_a_bad_machine_makes_no_pass_and_no_bug(
         assert done.stdout.rstrip().endswith("PASS")
     if "memory" in says:
         assert len(done.stderr.splitlines()) == 1
-
-
-def test_a_usage_error_is_a_document_too() -> None:
-    done = command("verify", "--json")
-    assert done.returncode == 2
-    assert json.loads(done.stdout)["outcome"] == "bad input"
-    assert "SCENE" in json.loads(done.stdout)["error"]["message"]
-    assert "Missing argument" in done.stderr
 
 
 SIMULATOR = """#!/bin/sh

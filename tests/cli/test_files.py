@@ -146,6 +146,7 @@ TWICE += [
     ("netlist", ("matrix.toml",), "-o", "T.csv"),
     ("netlist", ("a.toml",), "-o", "link.toml"),
     ("regress", (".", *TABLE), "--junit", "a.toml"),
+    ("regress", (".", *TABLE, "--markdown", "x"), "--junit", "x"),  # two outputs, one file
 ]
 
 
@@ -163,16 +164,8 @@ def test_an_input_is_never_overwritten(
     before = contents(folder)
     result = taction(*name.split(), *words, *((file,) if option == "FILE" else (option, file)))
     assert result.exit_code == 2
-    says = "an input of the same command; expected another file"
-    assert says in result.stderr or "expected a file that ends in" in result.stderr
-    assert contents(folder) == before
-
-
-def test_two_outputs_have_two_files(folder: Path) -> None:
-    before = contents(folder)
-    result = taction("regress", ".", *TABLE, "--junit", "x", "--markdown", "x")
-    assert result.exit_code == 2
-    assert "the file of --junit" in result.stderr
+    says = ("an input of the same command; expected another", "a file that ends in", "file of --")
+    assert any(each in result.stderr for each in says)
     assert contents(folder) == before
 
 

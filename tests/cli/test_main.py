@@ -44,18 +44,6 @@ def test_the_numbers_of_a_verdict_are_in_si_units() -> None:
     assert found["settling_time"] == pytest.approx(131.6e-6, rel=1e-2)  # s, not µs
 
 
-def test_verify_for_people() -> None:
-    result = taction("verify", TUNED, *FAST)
-    assert result.exit_code == 0
-    for part in ("tuned-breadboard", "settling to ±1 %", "PASS", "from the true stress"):
-        assert part in result.stdout
-    assert "Parts of the error" not in result.stdout
-    tables = taction("verify", TUNED, *FAST, "-v").stdout
-    for part in ("Parts of the error", "±1 %", "undershoot", "limit of slew rate"):
-        assert part in tables
-    assert result.stderr == ""
-
-
 def test_a_missing_ngspice_ends_with_3_and_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
     result = taction("verify", TUNED, "--engine", "ngspice", "--json")

@@ -118,7 +118,8 @@ def test_one_channel_by_hand() -> None:
     v_1 drives R = 2 Mohm and an inverter, a_1 is loaded by the inverter and T, w_1 by s and T.
     """
     design = {"lambda": 0.5, "gain": "1Mohm", "unit_conductance": "1uS", "unit_voltage": 0.5}
-    opamp = NEAR_IDEAL | {"supply_current": "1mA", "output_current": "1mA"}
+    opamp = NEAR_IDEAL | {"supply_current": "1mA"}
+    opamp |= {"output_resistance": "10ohm", "output_current": "1mA"}
     scene = make_scene(design=design | {"supply": "±10V", "opamp": opamp})
     linear = LinearBoard(synthesise(scene, matrix_problem([[1.0]], [3.0])))
     power = board_power(linear)

@@ -303,11 +303,7 @@ def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> N
         ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected 3"),
         ({"taction_opamp": 1, "linear": None}, {}, "= 1: expected 3; import the netlist again"),
         ({"figures": {}}, {}, "figures.dc_gain: missing; expected a file that `taction"),
-        ({"supply": "15"}, {}, "supply = '15': expected a finite number"),
-        ({"supply": 10**400}, {}, r"supply = 10+ \.\.\. 0+: expected a finite number"),
         ({"supply": -15.0}, {}, "supply = -15.0: expected a number from 1e-30"),
-        ({"netlist": None}, {}, "netlist = null: expected a list"),
-        ({"linear": 3}, {}, "linear = 3: expected a table"),
         ({"name": "a b"}, {}, "name = 'a b': expected letters, digits"),
     ],
 )

@@ -59,15 +59,9 @@ def test_the_rightmost_pole_is_right(name: str, real: float | None, hertz: float
         assert lead.real == pytest.approx(real, rel=2e-3)
         assert lead.imag / math.tau == pytest.approx(hertz, rel=2e-3)
     assert found.poles.stable is (lead.real < 0.0)
-
-
-def test_the_pole_of_a_supply_stands_apart() -> None:
-    """The ferrite and the capacitor of the supply: no output shows them."""
-    found = taction.check(CASES / "refused-supply-bead.cir")
-    (upper,) = [p for p in found.apart.hidden.tolist() if p.imag > 0.0]
-    assert upper.real == pytest.approx(-1.0 / (2.0 * 1e3 * 10e-6), rel=2e-3)
-    assert upper.imag == pytest.approx(1e5, rel=2e-3)
-    assert any("no output shows these poles" in note for note in found.notes)
+    if name == "refused-supply-bead.cir":  # the ferrite and the capacitor of the supply
+        (upper,) = [p for p in found.apart.hidden.tolist() if p.imag > 0.0]
+        assert upper == pytest.approx(complex(-1.0 / (2.0 * 1e3 * 10e-6), 1e5), rel=2e-3)
 
 
 def test_an_onset_and_an_output_at_rest_are_those_of_ngspice() -> None:
@@ -258,16 +252,6 @@ def test_nodes_and_outputs_are_found_by_their_names(tmp_path: Path) -> None:
     text = "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
     found = checked(tmp_path, f"{text}\n.print ac vdb(a) vp(a)")
     assert [output.name for output in found.outputs] == ["a"]
-
-
-def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
-    """Without a collector capacitance C1, CE and the base form a loop: three poles.
-
-    The base charge follows the collector through the Early voltage, and nothing follows it back.
-    """
-    found = checked(tmp_path, EMITTER)
-    assert len([p for p in found.poles.poles if abs(p) < 1e12]) == 3
-    assert found.poles.known_stable
 
 
 @pytest.mark.parametrize(

@@ -88,17 +88,6 @@ def verdict(tmp_path_factory: pytest.TempPathFactory) -> Verdict:
     return verify(load_scene(write_fast(tmp_path_factory.mktemp("scene") / "fast.toml")))
 
 
-def test_measures_are_the_verdict_s_own(verdict: Verdict) -> None:
-    entry, m = observe(verdict), verdict.measurements
-    record = entry.record
-    assert (record.outcome, entry.solved_by) == ("pass", "statespace, exact")
-    assert record.channels[1].figures["final"] == m.channels[1].final == verdict.u[-1, 1]
-    assert record.value("settling_time") == m.settling_time.value  # type: ignore[union-attr]
-    assert record.value("growth_rate") == verdict.poles.rightmost.real
-    assert {channel.state for channel in record.channels} == {"settled"}
-    assert set(entry.checks) == {check.name for check in verdict.checks}
-
-
 def test_of_an_unstable_board_no_transient_is_compared(tmp_path: Path) -> None:
     scene = load_scene(write_fast(tmp_path / "fast.toml", capacitance="1pF"))
     entry = observe(verify(scene))
@@ -270,18 +259,6 @@ def test_a_scene_is_missing_until_an_update(tmp_path: Path, passing: dict[str, E
     accepted = run(tmp_path, passing, update=True)
     assert accepted.exit_status == 0
     assert set(updated_baseline(accepted, passing)) == {"b.toml"}
-
-
-def test_without_an_engine_there_is_no_verdict_and_the_entry_stays(
-    tmp_path: Path, passing: dict[str, Entry], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TACTION_NGSPICE", "no-such-ngspice")
-    scene = write_fast(tmp_path / "a.toml")
-    scene.write_text(scene.read_text().replace("statespace", "ngspice"))
-    report = run(tmp_path, passing, update=True)
-    assert (only(report).status, report.exit_status) == (Status.NO_VERDICT, 3)
-    assert "no-such-ngspice" in only(report).reason
-    assert updated_baseline(report, passing) == passing
 
 
 def test_a_file_that_is_no_scene_is_a_complaint_and_the_others_are_verified(

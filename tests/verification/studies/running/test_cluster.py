@@ -25,8 +25,6 @@ from taction.verification.studies.sweep import all_records, sweep_points
 from tests.support import nightly
 from tests.support.entries import grid_plan
 from tests.support.paths import ROOT
-from tests.support.running import taction as command
-from tests.support.studying import scene_file
 
 
 @contextmanager
@@ -100,24 +98,6 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
         sweep_points(plan, own, HERE)
         expected = [row["settling_time"] for row in all_records(plan, own)]
     assert [row["settling_time"] for row in rows] == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.nightly  # a cluster of its own
-def test_a_yield_is_that_of_one_process(tmp_path: Path) -> None:
-    words = ["montecarlo", scene_file(tmp_path), "-n", "5", "--seed", "3", "--engine", "statespace"]
-
-    def told(*where: str) -> dict[str, Any]:
-        run = command(*words, *where, "--json")
-        assert run.exit_code == 0, run.stderr
-        document: dict[str, Any] = json.loads(run.stdout)
-        return document
-
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        worker(stack, file)
-        there = told("--cluster", address(file))
-    assert there == told("--jobs", "1")
-    assert there["samples"] == 5
 
 
 @pytest.mark.parametrize("text", ["nonsense", "tcp://127.0.0.1", "http://x:80", "inproc://x"])

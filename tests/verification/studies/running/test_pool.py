@@ -26,7 +26,7 @@ from taction.verification.studies.running.study import (
     study,
 )
 from tests.support.paths import ROOT
-from tests.support.running import is_running
+from tests.support.running import is_running, python
 
 HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
 
@@ -57,9 +57,7 @@ pool.shutdown(wait=False)
 def test_a_script_without_a_guard_runs_once(tmp_path: Path) -> None:
     script = tmp_path / "study.py"
     script.write_text(SCRIPT)
-    ended = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, cwd=ROOT, timeout=120, check=True
-    )
+    ended = python(str(script))
     assert ended.stdout.splitlines() == ["top level __main__", "8 True"]
 
 
@@ -118,11 +116,7 @@ pool = LocalPool(1)
 print(pool.submit(pow, 2, 5).result(60))
 pool.shutdown()
 """
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", code],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = python("-P", "-c", code, cwd=tmp_path)
     assert done.stdout == "32\n", done.stderr
     assert not (tmp_path / "ran").exists()
 

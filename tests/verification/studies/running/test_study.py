@@ -27,9 +27,8 @@ from taction.verification.studies.running.versions import digest
 from tests.support import nightly
 from tests.support.making import write_matrix_scene
 from tests.support.paths import ROOT
-from tests.support.studying import IDEAL, scene_file
-
-COMMAND = [sys.executable, "-c", "from taction.cli.main import main; main()"]
+from tests.support.running import python
+from tests.support.studying import IDEAL
 
 
 def key(number: int) -> bytes:
@@ -218,9 +217,9 @@ def test_types_and_borders_count() -> None:
 
 
 def command(folder: Path, *more: str) -> list[str]:
-    words = ["sweep", str(folder / "scene.toml"), "--over", "C=50p:500p:40"]
+    words = ["-m", "taction", "sweep", str(folder / "scene.toml"), "--over", "C=50p:500p:40"]
     words += ["--engine", "statespace", "--jobs", "1", "-o", str(folder / "a.sqlite")]
-    return [*COMMAND, *words, *more]
+    return [*words, *more]
 
 
 def stored(path: Path) -> int:
@@ -232,9 +231,8 @@ def stored(path: Path) -> int:
 
 
 def resumed(folder: Path) -> dict[str, Any]:
-    done = subprocess.run(
-        command(folder, "--json"), cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    done = python(*command(folder, "--json"))
+    assert done.returncode == 0, done.stderr
     said, *later = done.stderr.splitlines()
     assert re.fullmatch(r"taction: computing \d+ of 40 points", said)
     assert [line for line in later if " of 40 points" not in line] == []  # on a slow machine
@@ -253,10 +251,17 @@ def test_a_sweep_that_is_ended_goes_on_where_it_was(
     number: signal.Signals, status: int, says: str, tmp_path: Path
 ) -> None:
     write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], IDEAL)
-    process = start(command(tmp_path))
-    wait_for_results(tmp_path / "a.sqlite", process)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    words = [sys.executable, *command(tmp_path)]
+    process = subprocess.Popen(words, cwd=ROOT, text=True, start_new_session=True, **pipes)
+    while stored(tmp_path / "a.sqlite") < 5:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
     process.send_signal(number)
-    _, text = streams(process)
+    try:
+        _, text = process.communicate(timeout=120)
+    finally:
+        process.kill()
     before = stored(tmp_path / "a.sqlite")
     assert process.returncode == status, text
     assert says in text
@@ -266,39 +271,3 @@ def test_a_sweep_that_is_ended_goes_on_where_it_was(
     assert document["ran"] == 40 - before
     assert len(document["points"]) == document["done"] == 40
     assert all(point["outcome"] == "pass" for point in document["points"])
-
-
-def streams(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """Wait for the end of a process; one that does not end is killed, and the test fails."""
-    try:
-        return process.communicate(timeout=120)
-    finally:
-        process.kill()
-
-
-def start(words: list[str]) -> subprocess.Popen[str]:
-    """Start a command in a session of its own."""
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(words, cwd=ROOT, text=True, start_new_session=True, **pipes)
-
-
-def wait_for_results(file: Path, process: subprocess.Popen[str]) -> None:
-    while stored(file) < 5:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
-
-
-@pytest.mark.nightly  # the signal and the report, each with every commit, at once
-def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), tmp_path / "s.sqlite"
-    words = ["montecarlo", scene, "-n", "100000", "--jobs", "1", "-o", str(file), "--json"]
-    process = start([*COMMAND, *words])
-    wait_for_results(file, process)
-    process.send_signal(signal.SIGINT)
-    out, err = streams(process)
-    assert process.returncode == 130, err
-    assert "interrupted; the report holds the finished samples" in err
-    document = json.loads(out)
-    assert document["complete"] is False
-    # One that is stored while the signal comes may not be in the report.
-    assert max(stored(file) - 1, 4) <= document["samples"] <= stored(file) < 100000

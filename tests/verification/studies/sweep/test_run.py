@@ -247,23 +247,6 @@ def taction(*words: str) -> Result:
     return command("sweep", "scene.toml", "--engine", "statespace", *words)
 
 
-def test_json_has_one_record_a_point(folder: Path) -> None:
-    done = taction(*OVER, "--json", "-o", "a.sqlite")
-    assert done.exit_code == 0, done.output
-    document = json.loads(done.stdout)
-    assert [axis["key"] for axis in document["axes"]] == ["design.capacitance", "design.gain"]
-    assert document["axes"][0]["values"][1] == pytest.approx(100e-12)
-    assert document["outcomes"] == {"pass": 6}
-    assert [point["values"]["gain"] for point in document["points"]] == [5e4, 1e5] * 3
-    for point in document["points"]:
-        # Ideal op-amps: the slowest pole is at -1 / (R C) or further left (eq 9).
-        slowest = 1.0 / (point["resistance"] * point["values"]["C"])
-        assert point["rightmost_pole"][0] < -slowest
-        assert point["settling_time"] > 0.0
-    again = json.loads(taction(*OVER, "--json", "-o", "a.sqlite").stdout)
-    assert (again["ran"], again["points"]) == (0, document["points"])
-
-
 def test_the_status_is_1_of_a_strict_sweep_that_fails_and_3_without_verdicts(folder: Path) -> None:
     failing = ("--over", "checks.steady_state.tolerance=1e-15,0.5", "-o", "a.sqlite")
     assert taction(*failing).exit_code == 0

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binom, binomtest
+from scipy.stats import binomtest
 
 from taction.netlist_gen.board.variation import DYNAMIC, draw
 from taction.netlist_gen.scene.check_keys import Tolerances
@@ -103,16 +103,6 @@ def test_only_what_is_missing_is_drawn(tmp_path: Path, monkeypatch: pytest.Monke
     assert again == list(run_samples(STUDY, 6, 1, HERE))
     assert again[:4] == first
     assert [row["number"] for row in stored_samples(Path(path))] == list(range(6))
-
-
-def test_sweep_and_samples_share_a_file(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), str(tmp_path / "a.sqlite")
-    samples = ("montecarlo", scene, "-n", "3", "--jobs", "1", "-o", file, "--json")
-    first = json.loads(command(*samples).stdout)
-    words = ("--over", "C=50p,60p", "--engine", "statespace", "--jobs", "1", "-o", file, "--json")
-    swept = json.loads(command("sweep", scene, *words).stdout)
-    assert (swept["ran"], len(swept["points"])) == (2, 2)
-    assert json.loads(command(*samples).stdout) == first
 
 
 REAL = DAMPED | {"opamp": {"base": "ideal", "gbw": "50MHz", "voltage_noise": "10nV/rtHz"}}
@@ -220,19 +210,6 @@ def test_slopes_at_rest_are_those_of_the_equilibria_where_a_board_has_no_verdict
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
 
 
-def test_no_corner_of_resistors_and_gains_rests_farther_off_than_the_worst() -> None:
-    tolerances = QUIET | {"resistor": 0.02, "opamp_gain": 0.5}
-    opamp = {"base": "ideal", "dc_gain": 300}
-    study = prepare(small_scene(design=DAMPED | {"opamp": opamp}, tolerances=tolerances))
-    found, random = worst_of(study, HERE).corners, np.random.default_rng(3)
-    corner = next(corner for corner in found if corner.quantity == "steady_state")
-    assert {name.rpartition(".")[2] for name in corner.deviations} >= {"dc_gain", "Rr_1"}
-    assert set(corner.largest) <= {f"{'+-'[z < 0]}{n}" for n, z in corner.deviations.items()}
-    for _ in range(60):
-        z = random.choice([-1.0, 1.0], len(study.varied))
-        assert study.measured(0, z).value("steady_state") <= worst(found, "steady_state") + 1e-12
-
-
 def test_slopes_are_those_of_the_solved_boards() -> None:
     """Every kind of component, against central differences of the equilibrium."""
     tolerances = {"resistor": 0.01, "opamp_gain": 0.2, "temperature": 20.0}
@@ -277,11 +254,6 @@ def test_the_interval_is_clopper_and_pearson_s(passed: int, samples: int) -> Non
     low, high = interval(passed, samples)
     expected = binomtest(passed, samples).proportion_ci(0.95, method="exact")
     assert (low, high) == pytest.approx((expected.low, expected.high), rel=1e-9)
-    # By its definition each end makes what was seen, or more of it, a 2.5 % event.
-    if passed:
-        assert binom.sf(passed - 1, samples, low) == pytest.approx(0.025, rel=1e-9)
-    if passed < samples:
-        assert binom.cdf(passed, samples, high) == pytest.approx(0.025, rel=1e-9)
 
 
 def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
