@@ -14,9 +14,6 @@ from hypothesis import strategies as st
 from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import BadEvidence, InputError, OutOfDisk
 from taction.system.raw_file import read_raw, read_transient, write_raw
-from taction.verification.engines.ngspice.evidence import RAW
-from taction.verification.engines.ngspice.process import Simulation, find_simulator
-from tests.support.small_decks import transient
 
 TIME = np.array([0.0, 1e-6, 3e-6, 4e-6])
 VOLTS = np.array([[0.0, 1.0], [0.5, -2.0], [0.25, 3.5], [0.125, 0.75]])  # exact in single precision
@@ -50,18 +47,6 @@ def test_round_trip_is_exact(
     assert plot.vectors == ("time", *(f"v({node})" for node in written.nodes))
     np.testing.assert_array_equal(plot.data[:, 0], written.time)
     np.testing.assert_array_equal(plot.data[:, 1:], written.values)
-
-
-def test_a_file_of_ngspices_own(ngspice: str) -> None:
-    deck = transient(saved=("out", "in"))
-    with Simulation(deck, find_simulator(ngspice), timeout=30.0) as run:
-        plot = run.accept(lambda deck, ending: read_raw(ending.folder / RAW))
-    assert plot.name == "Transient Analysis"
-    assert plot.vectors == ("time", "v(out)", "v(in)")
-    assert len(plot.data) > 500
-    assert plot.data[-1, 0] == pytest.approx(5e-6, rel=1e-12)
-    assert plot.data[-1, 1] == pytest.approx(-np.expm1(-5.0), abs=1e-5)
-    np.testing.assert_array_equal(plot.data[:, 2], 1.0)
 
 
 def test_ngspice_loads_what_is_written(ngspice: str, tmp_path: Path) -> None:

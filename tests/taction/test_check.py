@@ -91,12 +91,6 @@ def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values
     margin = run(str(DECK_CASES / "wienosc.cir"), "--no-ngspice", "--check", "margin=2")[1]
     headline = " ".join(margin.split()).partition("FAILS")[0]  # before the reasons
     assert headline.count("oscillates at") == 1
-    rows = {row.name: row for row in found.parts}
-    # Barkhausen: stable up to a gain of 1 + R1/R2 + C2/C1
-    assert rows["E1"].below == pytest.approx(3.0, rel=1e-9)
-    assert rows["R1"].above is None
-    assert rows["R2"].above == pytest.approx(1.1e4, rel=1e-9)
-    assert rows["C1"].below == pytest.approx(1e-8 / 1.05, rel=1e-9)
     (check,) = taction.check(DECK_CASES / "wienosc.cir", checks="oscillates", ngspice=False).checks
     assert check.value == pytest.approx(math.sqrt(1e8 - 500.0**2) / math.tau, rel=1e-9)
     assert check.uncertainty is not None
@@ -130,23 +124,6 @@ def test_a_resistive_loop_with_gain_keeps_no_margin_unproved(tmp_path: Path) -> 
     place.write_text("loop\nV1 in 0 1\nR1 in p 1k\nR2 p out 1k\nE1 out 0 p 0 1.9\n.end\n")
     found = taction.check(place, checks="margin=2", ngspice=False)
     assert found.outcome.value == "inconclusive"
-
-
-def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:
-    import jsonschema
-
-    picture, page = tmp_path / "a.png", tmp_path / "a.html"
-    status, text = run(
-        deck, "--json", "--over", "C1=1n:4n:3", "--plot", str(picture), "--report", str(page),
-    )  # fmt: skip
-    assert status == 0
-    found = json.loads(text)
-    schema = json.loads(Path("docs/schemas/check-2.json").read_text("utf-8"))
-    jsonschema.validate(found, schema)
-    assert [point["value"] for point in found["sweeps"][0]["points"]] == [1e-9, 2e-9, 4e-9]
-    assert found["outputs"][0]["name"] == "out"
-    assert picture.stat().st_size > 1000
-    assert "Step response" in page.read_text("utf-8")
 
 
 @pytest.mark.parametrize(

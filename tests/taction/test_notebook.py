@@ -116,9 +116,9 @@ def test_plot_returns_the_figure_and_writes_it(
         results[name].plot(tmp_path / "a.txt")
 
 
-def scene(**values: object) -> taction.Scene:
+def scene(strain: ArrayLike = EPS, **values: object) -> taction.Scene:
     return taction.Scene.from_arrays(
-        T, EPS, **({"capacitance": "1nF", "gain": "1Mohm", "lam": 0.5} | values)
+        T, strain, **({"capacitance": "1nF", "gain": "1Mohm", "lam": 0.5} | values)
     )
 
 
@@ -184,11 +184,7 @@ def test_many_strains_give_what_each_gives_alone(amplifier: str) -> None:
     made = scene(amplifier=amplifier)
     several = taction.solve(made, strains=np.abs(STRAINS))
     for strain, solution in zip(np.abs(STRAINS), several, strict=True):
-        alone = taction.solve(
-            taction.Scene.from_arrays(
-                T, strain, amplifier=amplifier, capacitance="1nF", gain="1Mohm", lam=0.5
-            )
-        )
+        alone = taction.solve(scene(strain, amplifier=amplifier))
         assert solution.u.tolist() == alone.u.tolist()
         assert solution.trusted
         assert solution.error_bound == alone.error_bound
@@ -198,11 +194,7 @@ def test_verify_takes_many_strains_in_order() -> None:
     made = scene(engine="statespace")
     verdicts = taction.verify(made, strains=STRAINS)
     for strain, verdict in zip(STRAINS, verdicts, strict=True):
-        alone = taction.verify(
-            taction.Scene.from_arrays(
-                T, strain, engine="statespace", capacitance="1nF", gain="1Mohm", lam=0.5
-            )
-        )
+        alone = taction.verify(scene(strain, engine="statespace"))
         assert verdict.outcome is alone.outcome
         assert verdict.u.tolist() == alone.u.tolist()
 

@@ -133,16 +133,6 @@ def test_bias_currents_that_leave_no_answer_are_refused(
     assert "expected an op-amp with smaller errors" in found.stderr
 
 
-def test_ngspice_verifies_it(tmp_path: Path, problem: tuple[Floats, Floats], ngspice: str) -> None:
-    file = tmp_path / "board.toml"
-    assert (
-        taction("new", str(file), *write(tmp_path, *problem), "--noise", str(SIGMA)).exit_code == 0
-    )
-    verdict = verify(load_scene(file))
-    assert verdict.waveforms.engine.startswith("ngspice")
-    assert verdict.outcome.value == "pass"
-
-
 def test_the_residual_is_that_of_the_noise(tmp_path: Path, problem: tuple[Floats, Floats]) -> None:
     T, eps = problem
     write(tmp_path, T, eps)

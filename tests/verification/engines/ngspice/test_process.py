@@ -11,14 +11,12 @@ import pytest
 
 from taction.system import errors
 from taction.system.array_types import Waveforms
-from taction.system.processes import remove_own_folder
 from taction.verification.engines.ngspice.commands import MEMORY, expand
 from taction.verification.engines.ngspice.process import (
     Simulation,
     Simulator,
     environment,
     find_simulator,
-    make_folder,
     simulate,
 )
 from tests.support.running import is_running, process_id
@@ -70,7 +68,10 @@ def test_operating_point_is_one_point_and_capital_letters_are_kept(simulator: Si
 def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with Simulation(transient(), simulator, timeout=30.0) as run:
+        assert run.folder.stat().st_mode & 0o077 == 0
         run.accept(lambda deck, ending: shutil.copytree(ending.folder, folder))
+    assert not run.folder.exists()
+    assert (folder / "deck.cir").read_text() == transient().text
     first = (folder / "out.raw").read_bytes().partition(b"Binary:")[2]
     (folder / "out.raw").unlink()
     subprocess.run(
@@ -217,18 +218,6 @@ def test_variable_overrides_the_path_and_an_argument_overrides_both(
     monkeypatch.setenv("TACTION_NGSPICE", named)
     assert find_simulator().version == 41
     assert find_simulator(given).version == 42
-
-
-def test_a_run_has_all_that_it_needs(tmp_path: Path) -> None:
-    place = make_folder(transient(), "ngspice\n")
-    assert place.parent == tmp_path
-    texts = {path.name: path.read_text() for path in place.iterdir()}
-    assert texts.pop("spinit").startswith("*")
-    expected = {"command.txt": "ngspice\n", "deck.cir": transient().text}
-    assert texts == expected
-    assert place.stat().st_mode & 0o077 == 0
-    remove_own_folder(place)
-    assert not list(tmp_path.iterdir())
 
 
 LINES = (".param r=1k", "v1 in 0 1", "r1 in out {2*r}", "c1 out 0 1n")
