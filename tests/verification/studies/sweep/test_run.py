@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from tests.support import nightly
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import SCENES
 from tests.support.running import taction as command
-from tests.support.studying import DAMPED, IDEAL, one_thread
+from tests.support.studying import DAMPED, IDEAL, Failing, one_thread
 
 PAPER = SCENES / "paper-breadboard.toml"
 
@@ -67,22 +66,6 @@ def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[Counts,
     with Store(str(path)) as store:
         count = sweep_points(asked, store, workers, **more)
         return count, list(all_records(asked, store))
-
-
-def test_every_point_is_the_verification_of_its_scene(tmp_path: Path, workers: Workers) -> None:
-    asked = plan("C=50p,100p", "gain=50k:200k:2")
-    count, rows = run(asked, tmp_path / "a.sqlite", workers)
-    assert [row["values"] for row in rows] == [
-        {"C": C, "gain": gain} for C in (50e-12, 100e-12) for gain in (5e4, 2e5)
-    ]
-    for row in rows:
-        values = row["values"]
-        changes = {"design.capacitance": values["C"], "design.gain": values["gain"]}
-        verdict = verify(with_values(asked.scene, changes).with_engine("statespace"))
-        settled = verdict.measurements.settling_time.value
-        assert row["settling_time"] == pytest.approx(settled, rel=1e-6)
-        assert row["rightmost_pole"][0] == verdict.poles.rightmost.real
-    assert (count[0], sum(count[1].values())) == (4, 4)
 
 
 def test_nothing_is_computed_twice(tmp_path: Path, workers: Workers) -> None:
@@ -158,20 +141,8 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
     assert len(keys) == 2
 
 
-def failing(error: Exception) -> Workers:
-    """Workers of which every task ends with an error."""
-
-    class Failing(ThreadPoolExecutor):
-        def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.set_exception(error)
-            return future
-
-    return Workers(Failing(1), 1)
-
-
 def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
-    workers = failing(WorkerDiedError("abrupt end"))
+    workers = Workers(Failing(WorkerDiedError("abrupt end")), 1)
     count, rows = run(plan("C=50p,60p"), tmp_path / "a.sqlite", workers)
     assert count[1] == {"error": 2}
     assert rows[0]["failure"] == "WorkerDiedError"
@@ -274,16 +245,3 @@ def test_an_export_has_every_number_exactly(folder: Path) -> None:
     table = pandas.read_parquet(folder / "a.parquet")
     assert table["settling_time"].tolist() == [point["settling_time"] for point in points]
     assert table["stable"].tolist() == [True] * 6
-
-
-def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None:
-    for words, says in (
-        (("--export", "a.xls"), ".csv, .parquet"),
-        (("--export", "missing/a.csv"), "folder does not exist"),
-        (("--plot", "a.gif"), ".png, .svg, .pdf"),
-        (("--plot", "a.png", "--over", "stray_capacitance=1p,2p"), "a picture has at most two"),
-    ):
-        done = taction(*OVER, *words)
-        assert done.exit_code == 2, done.output
-        assert says in done.stderr
-    assert not (folder / "scene.sqlite").exists()
