@@ -11,7 +11,7 @@ import pytest
 import taction
 from taction.cli import command as cli
 from taction.cli import commands as table
-from taction.cli.command import Command, load, sentences, signature
+from taction.cli.command import Command, sentences, signature
 from taction.system.errors import Complaint
 from tests.support.command_lines import LINES, commands
 from tests.support.running import document
@@ -66,13 +66,6 @@ def test_a_command_calls_the_function_of_its_name(name: str) -> None:
             assert told["help"].endswith((".", "*10."))
             sentence = sentences(function).get(parameter.name)
             assert "help" in parameter.attributes or told["help"] == sentence
-
-
-@pytest.mark.parametrize(("name", "job"), [*JOBS, *CALLS.items()])
-def test_everything_that_shows_a_result_is_there(name: str, job: Command) -> None:
-    shown = (job.view,) if job.text is None else (job.text,)
-    for target in (*shown, *(output.write for output in job.outputs)):
-        assert callable(load(target))
 
 
 class Ended:

@@ -135,16 +135,6 @@ def test_parts_that_cannot_be_bought_and_unstable_boards_are_never_best() -> Non
     assert not best_designs([design])
 
 
-def test_a_written_scene_is_the_design() -> None:
-    plan = choice_plan(scene(), **TWO)
-    (design,) = ranked(plan, {7: record()})
-    made = design_scene(plan, scene(), design, 1)
-    assert (made.design.opamp.base, made.design.opamp.level) == ("ne5534", "auto")
-    assert (made.design.capacitance, made.design.gain) == (2.2e-11, 4.7e6)
-    assert made.checks.settling_time.max == 1e-3
-    assert made.name == "tuned-breadboard-1-ne5534"
-
-
 def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
     folder, file = tmp_path / "best", tmp_path / "board.toml"
     text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")

@@ -13,7 +13,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system import progress
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SolverError
@@ -76,18 +76,6 @@ def assert_split(answer: AnswerError, clean: Floats, noisy: Floats, stress: Floa
     assert answer.noise == pytest.approx(shares[1], rel=1e-7, abs=1e-12)
     assert answer.regularisation + answer.noise == pytest.approx(answer.true_error, rel=1e-12)
     assert abs(errors[answer.channel - 1]) == pytest.approx(abs(errors[n]), rel=1e-8)
-
-
-@pytest.mark.parametrize(("name", "noisy"), [("custom-matrix", True), ("paper-breadboard", False)])
-def test_shipped_scenes(name: str, noisy: bool) -> None:
-    scene = load_scene(f"scenes/{name}.toml")
-    verdict = taction.verify(scene, engine="statespace")
-    problem, lam = make_problem(scene), verdict.circuit.value("lambda")
-    noisy_u = optimum(problem.matrix, problem.strain, lam)
-    clean_u = optimum(problem.matrix, problem.matrix @ problem.stress, lam)
-    assert_split(verdict.answer, clean_u, noisy_u, problem.stress)
-    assert verdict.answer.has_noise is noisy
-    assert (verdict.answer.noise == 0.0) is not noisy
 
 
 def assert_unit(verdict: Verdict, best: Floats, known: bool) -> None:

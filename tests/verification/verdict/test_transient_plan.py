@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from taction.netlist_gen.analysis import Transient
@@ -18,7 +17,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
-from taction.system.array_types import Cost, Floats, Waveforms
+from taction.system.array_types import Cost, Waveforms
 from taction.system.errors import DivergesError, EngineError, StepTooSmall
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -46,7 +45,6 @@ from tests.support.boards import (
     board,
     kernel,
     lags,
-    lone_amplifier,
     paper_board,
     single_mode,
     strain,
@@ -271,25 +269,12 @@ def state_space_run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, Stat
     return record, state_space_error(made, record)
 
 
-def of_an_amplifier(t: Floats) -> Floats:
-    options = {"method": "LSODA", "rtol": 1e-12, "atol": 1e-14, "t_eval": t}
-
-    def slope(_: float, x: Floats) -> Floats:
-        return -(x + 2.0 * np.exp(x / 0.5)) / 1e-5 - x / 1e6
-
-    v = solve_ivp(slope, (0.0, 2e-4), [0.0], **options).y[0]
-    return np.asarray(-2.0 * np.exp(v / 0.5))[:, None]
-
-
 @pytest.mark.parametrize("tolerance", [1e-5, *nightly(1e-3, 1e-7)])
-@pytest.mark.parametrize("large", [True, False])
-def test_a_record_errs_by_less_than_stated(large: bool, tolerance: float) -> None:
+def test_a_record_errs_by_less_than_stated(tolerance: float) -> None:
     """Also between its points; and the first run errs by about the stated error."""
     T, eps = kernel(40, 3.0), strain(40, 3.0)
-    circuit, truth = lone_amplifier(), of_an_amplifier
-    if large:
-        circuit = board(T, eps, two_pole(790e3, 12e-12), G0=0.3313e-6 * 7 / 40)
-        truth = exact_solution(circuit).at
+    circuit = board(T, eps, two_pole(790e3, 12e-12), G0=0.3313e-6 * 7 / 40)
+    truth = exact_solution(circuit).at
     record, stated = state_space_run(circuit, tolerance)
     assert np.abs(on_curve(stated.record, TIMES) - truth(TIMES)).max() <= stated.volts
     error = float(np.abs(record.values - truth(TIMES)).max())

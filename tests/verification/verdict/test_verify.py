@@ -31,9 +31,9 @@ from taction.verification.verdict import run as module
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.run import Agreement, Run, better_plan, observe, outputs
-from taction.verification.verdict.simulation import StateSpaceError, Waiting, build, choose_engine
-from taction.verification.verdict.transient_plan import AIM, TransientPlan
+from taction.verification.verdict.run import Run, better_plan, observe, outputs
+from taction.verification.verdict.simulation import Waiting, build, choose_engine
+from taction.verification.verdict.transient_plan import TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support import nightly
 from tests.support.making import make_scene, ringing_scene
@@ -240,26 +240,6 @@ def test_one_engine_alone_gives_no_bound(ngspice: str, monkeypatch: pytest.Monke
     assert "no answer" in checks["engines_agree"].reason
 
 
-def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
-    design = build(ringing_scene(error=1e-4, engine="ngspice"))
-    done = verify(ringing_scene(engine="statespace"))  # every channel settles
-    wave = replace(done.run.ends, engine="ngspice-46")
-
-    def again(achieved: float, own: StateSpaceError | None = None) -> TransientPlan | None:
-        u = np.full((1, 1), achieved * design.amplitude)
-        beside = Agreement(wave.time[:1], u, 0.0 * u, wave, 0.0)
-        return better_plan(Run(design, wave, done.measurements, own=own, beside=beside))
-
-    plan = again(4e-4)
-    # The forecast was four times too small, so the next aim is four times smaller.
-    aim = AIM * 1e-4 * design.plan.error / 4e-4
-    assert 0.5 * aim < plan.error <= aim
-    assert plan.transient.stop == design.transient.stop
-    assert again(1e-5) is None
-    assert again(math.nan) is None
-    assert again(4e-4, StateSpaceError(4e-4 * design.amplitude, "", wave)) is None
-
-
 def test_a_longer_record_is_that_of_the_band_less_the_static_error() -> None:
     design = build(ringing_scene(engine="ngspice"))
     band = design.scene.checks.settling_time.band
@@ -303,18 +283,3 @@ def test_a_dip_between_the_points_of_a_record_is_a_difference() -> None:
     record = stepped.simulate(design.linear, design.transient, times=times)
     found = module.state_space_beside(design.linear, design.transient, record, 1e-9)
     assert found.difference > 0.007 * np.abs(u[-1] - u[0]).max()
-
-
-@pytest.mark.parametrize(("limit", "wanted"), [(0.1, 1e-6), (1e-4, 1e-7)])
-def test_an_excursion_is_found_to_a_thousandth_of_its_limit(limit: float, wanted: float) -> None:
-    engine, checks = {"engine": "statespace"}, {"overshoot": {"max": limit}}
-    verdict = verify(shipped("tuned-breadboard", analysis=engine, checks=checks))
-    found, ideal = verdict.measurements.readings["overshoot"], verdict.ideal
-    assert found is not None
-    assert found.uncertainty <= 1.1 * wanted  # and rounding
-    solution = exact_solution(verdict.board.linear, initial=verdict.transient.initial)
-    signs = np.array([output.sign for output in verdict.circuit.outputs])
-    errors = signs * solution.at(np.linspace(0.0, 2e-4, 40_001)) - ideal.target
-    sizes = ideal.target - ideal.start
-    over = float((errors * np.sign(sizes)).max() / np.abs(sizes).max())
-    assert found.value == pytest.approx(over, abs=2.0 * wanted)
