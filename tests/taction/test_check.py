@@ -11,7 +11,7 @@ import pytest
 
 import taction
 from taction.system.errors import InputError
-from tests.support.designer_decks import DECKS
+from tests.support.designer_decks import DECKS, written
 from tests.support.paths import CASES, SCENES
 from tests.support.running import taction as command
 
@@ -120,8 +120,7 @@ def test_a_divider_keeps_every_margin_and_is_swept() -> None:
 
 def test_a_resistive_loop_with_gain_keeps_no_margin_unproved(tmp_path: Path) -> None:
     """Where the gain passes 2 the loop through the divider changes its sign."""
-    place = tmp_path / "loop.cir"
-    place.write_text("loop\nV1 in 0 1\nR1 in p 1k\nR2 p out 1k\nE1 out 0 p 0 1.9\n.end\n")
+    place = written(tmp_path, "V1 in 0 1\nR1 in p 1k\nR2 p out 1k\nE1 out 0 p 0 1.9")
     found = taction.check(place, checks="margin=2", ngspice=False)
     assert found.outcome.value == "inconclusive"
 
@@ -134,8 +133,7 @@ def test_a_board_without_poles_has_its_divided_voltage(
     cards: tuple[str, ...], volts: float, tmp_path: Path
 ) -> None:
     """No capacitance, or one at an ideal source: nothing moves."""
-    place = tmp_path / "divider.cir"
-    place.write_text("\n".join(["divider", "V1 a 0 1", *cards, ".end", ""]))
+    place = written(tmp_path, "\n".join(["V1 a 0 1", *cards]))
     options = ("--no-ngspice", "--output", "b", "--expect", f"v(b)={volts}@0.01%")
     status, text = run(str(place), *options)
     assert status == 0
@@ -155,8 +153,7 @@ def test_a_step_without_a_param_has_its_first_value() -> None:
 
 @pytest.mark.parametrize("card", [".ac dec 10 1 1meg", ".measure ac f when vdb(out)=-3"])
 def test_a_card_that_does_not_run_is_named_with_what_is_found(card: str, tmp_path: Path) -> None:
-    place = tmp_path / "rc.cir"
-    place.write_text(f"RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n{card}\n.end\n")
+    place = written(tmp_path, f"V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n{card}")
     notes = taction.check(place, ngspice=False).notes
     assert any(note.startswith(f"{card.split()[0]}: does not run; found are") for note in notes)
 
@@ -221,8 +218,7 @@ FUNCTIONS = {
 def test_a_transfer_function_becomes_states(name: str, tmp_path: Path) -> None:
     """Its poles are the roots of its denominator, and no part of it is a knob."""
     card, wanted = FUNCTIONS[name]
-    place = tmp_path / "deck.cir"
-    place.write_text(f"t\nV1 in 0 DC 0 AC 1\n{card}\n.end\n")
+    place = written(tmp_path, f"V1 in 0 DC 0 AC 1\n{card}")
     found = taction.check(place, ngspice=False)
     poles = np.sort_complex(found.poles.poles)
     assert poles == pytest.approx(np.sort_complex(np.array(wanted, complex)), rel=1e-6, abs=1e-9)
@@ -240,8 +236,7 @@ def test_a_transfer_function_becomes_states(name: str, tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_rational_function_is_refused(card: str, words: str, tmp_path: Path) -> None:
-    place = tmp_path / "deck.cir"
-    place.write_text(f"t\nV1 in 0 DC 0 AC 1\n{card}\nR1 o 0 1\n.end\n")
+    place = written(tmp_path, f"V1 in 0 DC 0 AC 1\n{card}\nR1 o 0 1")
     with pytest.raises(InputError) as error:
         taction.check(place, ngspice=False)
     assert words in str(error.value)

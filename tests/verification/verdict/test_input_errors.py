@@ -22,7 +22,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
-from taction.spice_models.input_errors import drawn, spread
+from taction.spice_models.input_errors import drawn
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError
@@ -183,14 +183,6 @@ def test_currents_of_field_effect_inputs_are_four_times_as_large_20_kelvins_high
     ((name, own),) = given.varying
     assert (name, own.sigma) == ("bias_drift", 0.0)
     assert own.mean == pytest.approx(3e-9)
-
-
-def test_a_figure_that_nobody_confirmed_is_assumed() -> None:
-    known = {name: spread("bias_current", 80e-9, 500e-9, {name}).assumed for name in
-             ("bias_current", "guaranteed.bias_current", "offset_voltage")}  # fmt: skip
-    assert [*known.values()] == [True, True, False]
-    assert not spread("bias_current", 80e-9, 500e-9).assumed
-    assert spread("bias_current", 80e-9, None).assumed
 
 
 ERRORS = {"base": "tl084", "offset_voltage": "3mV", "bias_current": "20nA", "offset_current": "4nA"}
