@@ -94,26 +94,18 @@ def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
     assert first.hex() in found
 
 
-HELP_AND_NAMES = """
-import sys
+HELP = """
+import contextlib
 from taction.system import plugins
-from taction.cli import commands
 from taction.cli.main import main
-sys.argv = ["taction", "--help"]
-try:
-    main()
-except SystemExit as end:
-    assert not end.code
+with contextlib.suppress(SystemExit):
+    main(["--help"])
 assert plugins.offers.cache_info().misses == 0
-from taction.netlist_gen.scene.open_tables import OPAMPS
-assert list(OPAMPS)[-2:] == ["eight", "seven"]
-OPAMPS["eight"]
 """
 
 
-def test_new_processes_find_plugins_and_help_looks_for_none(plugin: Plugin) -> None:
-    folder = plugin("acme", NUMBERS, "raise SystemError('loaded')\n")
-    run = python("-c", HELP_AND_NAMES, env=environment(folder))
-    assert run.returncode == 1
+def test_help_looks_for_no_plugin(plugin: Plugin) -> None:
+    folder = plugin("acme", NUMBERS, SOURCE)
+    run = python("-c", HELP, env=environment(folder))
+    assert run.returncode == 0, run.stderr
     assert "verify" in run.stdout
-    assert "plug-in acme 1.0: taction.opamps = 'eight': acme:EIGHT cannot be loaded" in run.stderr

@@ -14,9 +14,7 @@ from typing import Any
 import pytest
 
 import taction
-from scripts.rooms import below, short
 from taction.verification.studies.sweep import SweepResult
-from tests.project.test_imports import reached
 from tests.support import nightly
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
@@ -24,7 +22,6 @@ from tests.support.running import python
 from tests.support.running import taction as command
 
 HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
-JOBS = ("taction.designs", "taction.transients")
 
 
 def loaded_by(script: str) -> set[str]:
@@ -45,11 +42,6 @@ def test_every_public_name_is_listed_and_found() -> None:
     assert set(taction.__all__) <= set(dir(taction))
     assert sorted(taction.__all__) == taction.__all__
     assert all(getattr(taction, name) is not None for name in taction.__all__)
-
-
-@pytest.mark.parametrize("module", ["taction", *JOBS])
-def test_nothing_behind_the_public_names_imports_the_command_line(module: str) -> None:
-    assert not [name for name in reached(short(module)) if below(name, ("cli",))]
 
 
 def without_times(text: str) -> list[str]:
