@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 
 import taction
-from taction.verification.studies.sweep import SweepResult
 from tests.support import nightly
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
@@ -60,18 +59,9 @@ def test_print_shows_the_screen_of_the_command(name: str) -> None:
     assert str(verdict).splitlines()[-1] == verdict.outcome.value.upper() == "PASS"
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_fast(tmp_path_factory.mktemp("boards") / "a.toml")
-
-
-@pytest.fixture(scope="module")
-def result(scene: Path) -> SweepResult:
+def test_a_table_has_one_row_a_point(tmp_path: Path) -> None:
     over = {"C": ("10pF", "20pF", 2), "topology": ["integrator", "passive"]}
-    return taction.sweep(scene, over=over, jobs=1)
-
-
-def test_a_table_has_one_row_a_point(result: SweepResult) -> None:
+    result = taction.sweep(write_fast(tmp_path / "a.toml"), over=over, jobs=1)
     table = result.to_pandas()
     assert table["C"].tolist() == [1e-11, 1e-11, 2e-11, 2e-11]
     assert table["topology"].tolist() == ["integrator", "passive"] * 2

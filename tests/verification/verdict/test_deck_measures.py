@@ -15,7 +15,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.scene.scene import load_scene, parse_scene
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError
 from taction.verification.readings.measurements import ChannelMeasure
 from tests.support import nightly
@@ -75,12 +76,9 @@ def test_what_moves_at_the_end_of_a_record_has_not_settled(ngspice: str, tmp_pat
     stop = re.search(r"(?m)^\.tran \S+ (\S+)", deck.text)
     text = deck.text.replace(stop[1], "5e-05").replace(repr(0.9 * float(stop[1])), "4.5e-05")
     assert results(replace(deck, text=text), tmp_path)["t_settle"] == 1e99
-    scene = load_scene(SCENES / "paper-breadboard.toml")
-    data = scene.model_dump(by_alias=True, exclude_unset=True)
-    data["design"]["capacitance"] = "8.2pF"  # it oscillates: the paper
-    data["analysis"] = {"stop": "300us"}
-    deck = taction.netlist(parse_scene(data, scene.file), measure=True)
-    found = results(deck, tmp_path)
+    changes = {"design.capacitance": 8.2e-12, "analysis.stop": 300e-6}  # it oscillates: the paper
+    scene = with_values(load_scene(SCENES / "paper-breadboard.toml"), changes)
+    found = results(taction.netlist(scene, measure=True), tmp_path)
     assert 0.0 < found["last"] < 300e-6
     settlings = [value for name, value in found.items() if name.startswith("t_settle")]
     assert settlings == [1e99] * 8

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator
@@ -48,9 +48,8 @@ LINEAR = ["custom-matrix", "eleven-channel", "paper-breadboard", "tuned-breadboa
 
 def shipped(name: str, **tables: dict[str, Any]) -> Scene:
     """A shipped scene with some keys of its tables changed."""
-    file = SCENES / f"{name}.toml"
-    data = tomllib.loads(file.read_text(encoding="utf-8"))
-    return parse_scene(data | {k: data.get(k, {}) | v for k, v in tables.items()}, file)
+    changes = {f"{table}.{key}": v for table, keys in tables.items() for key, v in keys.items()}
+    return with_values(load_scene(SCENES / f"{name}.toml"), changes)
 
 
 @cache
@@ -122,7 +121,7 @@ def assert_tikhonov(verdict: Verdict) -> None:
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("engine", ["ngspice", "statespace"])
 def test_half_the_capacitance_oscillates(engine: str) -> None:
-    scene = shipped("paper-breadboard", design={"capacitance": "5pF"}, analysis={"engine": engine})
+    scene = shipped("paper-breadboard", design={"capacitance": 5e-12}, analysis={"engine": engine})
     verdict = verify(scene)
     assert verdict.outcome is Outcome.FAIL
     pole = verdict.poles.rightmost
@@ -151,7 +150,7 @@ def test_an_untrusted_reference_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.usefixtures("ngspice")
 def test_a_simulation_out_of_time() -> None:
-    scene = shipped("paper-breadboard", analysis={"engine": "ngspice", "timeout": "10ms"})
+    scene = shipped("paper-breadboard", analysis={"engine": "ngspice", "timeout": 0.01})
     with pytest.raises(TimedOut, match=r"0\.01 s"):
         verify(scene)
 

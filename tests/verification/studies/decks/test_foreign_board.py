@@ -159,20 +159,9 @@ def test_margins_are_edges_of_the_poles_and_every_part_counts(read: Read) -> Non
     assert checked(read(DECKS["wien"]), checks=("margin=1.1",)).outcome.value == "fail"
 
 
-@pytest.mark.parametrize(
-    ("cards", "says"),
-    [
-        # Nothing holds the two ends of R2.
-        (("R1 in out 1k", "C1 out 0 1n", "R2 m n 1k"), r"stay undetermined: .*\bm\b"),
-        (
-            ("V2 a in 1", "E1 a 0 in 0 2", "R1 a out 1k", "C1 out 0 1n"),
-            "closes a loop of ideal voltage sources",
-        ),
-    ],
-    ids=["nodes without ground", "loop of sources"],
-)
-def test_what_has_no_equations_is_refused(cards: tuple[str, ...], says: str, read: Read) -> None:
-    with pytest.raises(EngineError, match=says):
+def test_a_loop_of_ideal_sources_is_refused(read: Read) -> None:
+    cards = ("V2 a in 1", "E1 a 0 in 0 2", "R1 a out 1k", "C1 out 0 1n")
+    with pytest.raises(EngineError, match="closes a loop of ideal voltage sources"):
         poles(read(deck("refused", *cards)).circuit)
 
 
