@@ -55,14 +55,8 @@ def test_ngspice_loads_what_is_written(ngspice: str, tmp_path: Path) -> None:
     commands = ["load a.raw", "set numdgt=16", "set wr_singlescale", "wrdata b.txt v(n1) v(n0)"]
     script = "\n".join(["*ng_script", ".control", *commands, "quit 0", ".endc", ""])
     (tmp_path / "load.cir").write_text(script)
-    subprocess.run(
-        [ngspice, "-n", "-b", "load.cir"],
-        stdin=subprocess.DEVNULL,
-        cwd=tmp_path,
-        capture_output=True,
-        timeout=30.0,
-        check=False,
-    )
+    quiet = {"stdin": subprocess.DEVNULL, "capture_output": True, "timeout": 30.0}
+    subprocess.run([ngspice, "-n", "-b", "load.cir"], cwd=tmp_path, check=False, **quiet)
     expected = np.column_stack([waveforms.time, waveforms["n1"], waveforms["n0"]])
     # 17 digits name a double exactly.
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "b.txt"), expected)
