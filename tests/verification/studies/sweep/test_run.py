@@ -17,7 +17,6 @@ from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.documents import plain
 from taction.system.errors import OutOfDisk, SimulationError, SimulatorNotFound
-from taction.verification.stability import margin
 from taction.verification.studies.running import study
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers
@@ -43,20 +42,6 @@ def workers() -> Iterator[Workers]:
 def plan(*over: str, engine: str = "statespace", **tables: Any) -> Plan:
     asked = make_scene({"channels": 2, "span": 1.2}, **({"design": DAMPED} | tables))
     return Plan(asked, parse_axes(asked, over), engine)
-
-
-def test_a_point_is_the_same_whatever_was_computed_before(
-    tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Boards that differ in C alone share their edges; who found them must not show."""
-    found = []
-    board = load_scene(SCENES / "tuned-breadboard.toml")
-    for number, values in enumerate(("230p", "500p,230p", "110p,230p")):
-        monkeypatch.setattr(margin, "_SHARED", {})
-        asked = Plan(board, parse_axes(board, f"C={values}"), "statespace")
-        found.append(run(asked, tmp_path / f"{number}", workers)[1][-1] | {"seconds": None})
-    assert found[0]["margin"] < 100.0
-    assert found[0] == found[1] == found[2]
 
 
 Counts = tuple[int, Mapping[str, int]]
