@@ -86,27 +86,14 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
     place = tmp_path / "board.cir"
     place.write_text(deck.text)
     board = read_board(place)
-    one, other = LinearBoard(deck.circuit), LinearBoard(board.circuit)
-    found, again = poles(one), poles(other)
     assert board.initial == deck.analysis.initial
     assert [out.node for out in board.circuit.outputs] == [out.node for out in deck.circuit.outputs]
-    assert len(found.poles) == len(again.poles)
-    left = found.poles.tolist()
-    for pole in again.poles.tolist():
-        nearest = min(left, key=lambda each: abs(each - pole))
-        left.remove(nearest)
-        assert abs(nearest - pole) <= 1e-9 * abs(pole)
-    assert found.known_stable
-    first, second = (measure_board(each, board.initial, 0.01).measurements for each in (one, other))
-    signs = np.array([out.sign for out in deck.circuit.outputs])
-    for n, (a, b) in enumerate(zip(first.channels, second.channels, strict=True)):
-        assert b.final == pytest.approx(signs[n] * a.final, rel=1e-9, abs=1e-12)
-        for reading, value in a.readings.items():
-            there = b.readings[reading]
-            assert (value is None) == (there is None)
-            if value is not None and there is not None:
-                apart = value.uncertainty + there.uncertainty
-                assert abs(value.value - there.value) <= 1e-7 * abs(value.value) + apart + 1e-9
+    one, other = (poles(LinearBoard(each)).poles for each in (deck.circuit, board.circuit))
+    for part in (np.real, np.abs):
+        np.testing.assert_allclose(np.sort(part(other)), np.sort(part(one)), rtol=1e-9)
+    found = taction.diff(scene, place)
+    assert found.exit_status == 0, found
+    assert {each.name for each in found.readings} >= {"equilibrium", "rise_time", "overshoot"}
 
 
 @pytest.mark.nightly  # margins of 150 parts: a minute of processor time
