@@ -354,6 +354,14 @@ def test_a_failure_is_said_with_value_and_limit(check: Check, text: str) -> None
     assert cause([check]) == Cause(check.name, text, text)
 
 
+def test_an_unstable_board_has_one_cause() -> None:
+    (found,) = causes(run_checks(evidence(poles=UNSTABLE, checks=ASKED)))
+    assert found.check == "stability"
+    assert re.fullmatch(r"oscillates at .*growth rate \+.*\(limit: below 0 /s\)", found.text)
+    follows = {"steady_state", "settling_time", "rise_time", "overshoot", "undershoot"}
+    assert set(found.follows) == follows
+
+
 def test_a_board_that_never_rests_has_no_overshoot_of_its_own() -> None:
     ringing = replace(OFF, value=1e-6, reason="no steady state: channel 1 oscillating")
     lost = replace(HIGH, value=0.1, reason="channel 1 oscillating")
