@@ -87,6 +87,7 @@ def test_a_file_comes_back_whole_or_is_refused(tmp_path: Path) -> None:
     file.write_bytes(bytes(range(256)) * 8000)  # more than one piece
     assert read_bounded(file, 3_000_000) == file.read_bytes()
     assert read_bounded(file, 256 * 8000) == file.read_bytes()
+    assert read_ends(file, 3_000_000) == file.read_bytes().decode(errors="replace")
     with file.open("wb") as stream:
         stream.truncate(10**12)
     with pytest.raises(UnusableFileError, match=re.escape("over 2 MB, the largest size")):
