@@ -5,10 +5,9 @@ from __future__ import annotations
 import functools
 import json
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,17 +16,14 @@ import taction
 from taction.netlist_gen.board.bill_of_materials import buyable
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import EngineError, InputError
 from taction.system.quantities import parse
 from taction.verification.design import tune as tune_module
 from taction.verification.design.scaling import Scaled
-from taction.verification.design.trials import OutOfWorkError, Search, Trial, Trials, search
 from taction.verification.design.tune import Tuned
 from taction.verification.verdict.verify import verify
 from tests.support import nightly
-from tests.support.entries import make_trial
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.measured import named
 from tests.support.paths import ROOT
@@ -36,8 +32,6 @@ from tests.support.running import taction as command
 REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": "5pF", "opamp": REAL}
 DESIGN |= {"unit_conductance": "10uS", "lambda": 0.1}
-C, GAIN = "design.capacitance", "design.gain"
-Fails = Callable[[float, float], list[str]]  # of C / 10 pF and gain / 1 Mohm
 
 
 def scene(**tables: Any) -> Scene:
@@ -221,50 +215,3 @@ def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
     assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
     shown = command(*arguments)
     assert shown.stdout.splitlines()[-2:] == ["verified by the state-space engine", "PASS"]
-
-
-@dataclass
-class MadeUp:
-    """Trials that fail the checks that a function names; `most` trials fit into the work."""
-
-    fails: Fails
-    most: int = 10_000
-    series: str = "exact"
-    tried: list[Mapping[str, Value]] = field(default_factory=list)
-
-    @property
-    def scene(self) -> Scene:
-        design = {"capacitance": 1e-11, "gain": 1e6, "capacitor_series": self.series}
-        return make_scene(design=design)
-
-    def at(self, changes: Mapping[str, Value]) -> Trial:
-        self.tried.append(changes)
-        if len(self.tried) > self.most:
-            raise OutOfWorkError
-        farads, ohms = float(changes.get(C, 1e-11)), float(changes.get(GAIN, 1e6))
-        return make_trial(changes, left=self.fails(farads / 1e-11, ohms / 1e6))
-
-
-def trials(fails: Fails, **more: int | str) -> Trials:
-    return cast("Trials", MadeUp(fails, **more))  # type: ignore[arg-type]
-
-
-def value_of(found: Search | None, path: str = C) -> float:
-    (trial,) = found.found
-    return float(trial.values[path])
-
-
-def test_the_nearest_value_that_passes_on_either_side_as_far_as_the_work_reaches() -> None:
-    found = search(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
-    assert 3.14159 <= value_of(found) / 1e-11 < 3.14159 * 1.2
-    found = search(trials(lambda c, _: ["fast"] if 0.8 < c < 2.0 else []), C)
-    assert 0.72 < value_of(found) / 1e-11 <= 0.8
-    found = search(trials(lambda c, _: ["stable"] if c < 2.0 else [], series="E6"), C)
-    assert value_of(found) == 2.2e-11
-    found = search(trials(lambda c, _: ["fast"] if c < 1.03 else [], most=1), C)
-    assert found.found
-    assert found.complete
-    made, rows = trials(lambda c, _: ["fast"] if c > 0.16 else []), [1e-12, 2e-12, 1.5e-12]
-    listed = search(made, C, rows)
-    assert listed.complete
-    assert [trial.values[C] for trial in listed.found] == [1e-12, 1.5e-12]
