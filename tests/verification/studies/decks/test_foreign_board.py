@@ -200,6 +200,64 @@ def test_too_large_a_step_is_said(volts: float, parts: str, said: str, tmp_path:
     assert said in notes[0] if said else not notes
 
 
+NEGATIVE_ZERO = """
+VP vp 0 15
+VN vn 0 -15
+V1 in 0 PULSE(0 10m 1u 1n 1n 1 2)
+X1 {inputs} vp vn out amp
+RL out 0 10k
+.subckt amp 2 1 99 50 45
+I1 4 50 1m
+CIN 1 2 2p
+Q1 5 1 7 QN
+Q2 6 2 8 QN
+R3 99 5 800
+R4 99 6 800
+R5 7 4 700
+R6 8 4 700
+EREF 98 0 39 0 1
+RS1 99 39 60k
+RS2 39 50 60k
+G1 98 9 5 6 1.25m
+R7 9 98 4Meg
+C2 9 98 4p
+D1 9 10 DX
+D2 11 9 DX
+V1 99 10 2
+V2 11 50 2
+* zero at -150 MHz: 1 + s/w, by a capacitance of -1 nF
+E1 14 98 9 39 1e6
+R11 14 15 1
+R12 15 98 1u
+FNZ 14 15 VNZ -1
+ENZ 16 98 14 15 1
+VNZ 17 98 0
+CNZ 16 17 1n
+* pole at 300 MHz
+G2 98 40 15 39 1u
+R10 40 98 1Meg
+C4 40 98 0.53f
+E2 46 0 40 0 1
+R13 46 45 30
+.model QN NPN(BF=80)
+.model DX D
+.ends
+"""
+
+
+@pytest.mark.parametrize(("inputs", "outcome"), [("in out", "pass"), ("out in", "fail")])
+def test_a_negative_capacitance_does_not_decide(inputs: str, outcome: str, tmp_path: Path) -> None:
+    """R12 and CNZ have a pole at +(R11 + R12) / (R11 R12 CNZ); with exchanged inputs it latches.
+
+    From the unstable point of the exchanged inputs ngspice's tighter solution goes to a supply.
+    """
+    found = taction.check(written(tmp_path, NEGATIVE_ZERO.format(inputs=inputs)))
+    assert found.outcome.value == outcome
+    assert found.apart.far.tolist() == [pytest.approx((1.0 + 1e-6) / (1e-6 * 1e-9), rel=1e-6)]
+    assert any("the model itself has a pole at +1e15 /s" in note for note in found.notes)
+    assert 1e6 < abs(found.poles.rightmost.real) < 1e10
+
+
 def test_the_ground_of_a_subcircuit_is_ground(tmp_path: Path) -> None:
     """``gnd`` that is no port, with 1 kohm in parallel to 1 kohm at 1 nF; as a port it is one."""
     text = """V1 in gnd pwl 0 1 1u 1 2u 2 r=1u
