@@ -61,8 +61,6 @@ def attempt(
 
     `passes` says which errors are not those of the step, such as a reader of stdout who has gone.
 
-    Examples
-    --------
     >>> attempt("the number", lambda: float("1V"), None, print)
     the number failed, the result stands: ValueError: could not convert string to float: '1V'
     """

@@ -27,11 +27,7 @@ from taction.system.quantities import show, show_rate, spaced
 from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.engines.statespace.transients.exact import (
-    Exact,
-    exact_solution,
-    is_exact,
-)
+from taction.verification.engines.statespace.transients.exact import Exact, exact_solution, is_exact
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.solve import solve

@@ -234,11 +234,7 @@ def onset(
 
 
 def confirmations(
-    boards: Family,
-    scanned: Scan,
-    *,
-    timeout: float | None,
-    progress: Progress = lambda stage: None,
+    boards: Family, scanned: Scan, *, timeout: float | None, progress: Progress = lambda stage: None
 ) -> tuple[CheckedEdge, ...]:
     """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""
     reason = NOT_ASKED

@@ -105,9 +105,10 @@ def _changes(title: str, result: SceneResult) -> Iterator[Content]:
 def _output(result: SceneResult) -> charts.Chart | None:
     """Return the output whose readings changed most, now and in the baseline, if both have it."""
     n = next((each.channel for each in result.changes if each.channel), 1)
-    then, now = (each.curve(n) if each else None for each in (result.baseline, result.entry))
-    if then is None or now is None or not result.changes:
+    both = [(entry and entry.curves) or () for entry in (result.baseline, result.entry)]
+    if n > min(map(len, both)) or not result.changes:
         return None
+    then, now = ([np.array(text.split(), float) for text in curves[n - 1]] for curves in both)
     text = "Dashed: the baseline. The output is the first in the table of changes, else u1."
     old = charts.Curve(then[0], then[1], "baseline", "muted", "dash", width=2.5)
     new = charts.Curve(now[0], now[1], "now")

@@ -17,12 +17,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-
 from taction.netlist_gen.scene.check_keys import Regression
 from taction.netlist_gen.scene.keys import files_of, scene_text
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
 from taction.system.charts import thinned
 from taction.system.documents import INLINE, OPTIONAL, plain, read
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
@@ -73,16 +70,9 @@ class Entry:
     def __post_init__(self) -> None:
         if self.record.value("growth_rate") is None:
             raise ValueError("growth_rate is missing")
-        for n in range(len(self.curves or ())):
-            if len({len(numbers) for numbers in self.curve(n + 1) or ()}) != 1:
+        for curve in self.curves or ():
+            if len({len([*map(float, text.split())]) for text in curve}) != 1:
                 raise ValueError("curves: expected as many outputs as instants")
-
-    def curve(self, n: int) -> tuple[Floats, Floats] | None:
-        """Return the stored instants, s, and outputs, V, of channel `n` from 1; None without."""
-        if not 1 <= n <= len(self.curves or ()):
-            return None
-        time, u = (np.array(text.split(), dtype=np.float64) for text in (self.curves or ())[n - 1])
-        return time, u
 
     @property
     def stable(self) -> bool:
@@ -409,9 +399,8 @@ def _without(error: BaseException | None, reason: str, path: Path, _: Entry | No
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:
     """Return the entries of the updated baseline.
 
-    An unchanged scene keeps its entry, so small changes cannot add up from update to update; it
-    gets the curves that an older taction did not store. A
-    scene that fails or has no verdict is left as it was, or out.
+    An unchanged scene keeps its entry, so small changes cannot add up; it gets the curves that an
+    older taction did not store. A scene that fails or has no verdict is left as it was, or out.
     """
     entries = {}
     for result in report.results:

@@ -282,8 +282,6 @@ def study(
     NoVerdictError: no worker answers or can compute; the message says that what is stored is
     intact.
 
-    Examples
-    --------
     >>> from taction.verification.studies.running.study import HERE
     >>> sorted(study(HERE, max, [("a", (1, 2)), ("b", (4, 3))], without=print))
     [('a', 2), ('b', 4)]
