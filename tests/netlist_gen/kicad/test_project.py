@@ -7,6 +7,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -272,3 +273,59 @@ def test_the_wires_are_those_of_the_circuit(scene: Scene) -> None:
                 wanted = {"1": "GND", "2": f"-{rail}"}
         assert net == wanted[pin]
     assert len(rest) == 6 * -(-count // size)
+
+
+def drawn_at(tree: Any) -> tuple[complex, int]:
+    """Where an item stands, mm, and how often it is turned by a right angle."""
+    x, y, *angle = map(float, items(tree, "at")[0][1:])
+    return complex(x, y), int(sum(angle) // 90)
+
+
+def test_every_pin_meets_the_drawing_of_its_symbol(scene: Scene) -> None:
+    library = parsed(project_of(scene)[f"{scene.name}.kicad_sym"])
+    for unit in (unit for symbol in items(library, "symbol") for unit in items(symbol, "symbol")):
+        paths = [[complex(*map(float, xy[1:])) for xy in e[1][1:]] for e in items(unit, "polyline")]
+        radii = [float(items(each, "radius")[0][1]) for each in items(unit, "circle")]
+        for pin in items(unit, "pin"):
+            at, turns = drawn_at(pin)
+            end = at + float(items(pin, "length")[0][1]) * 1j**turns
+            away = [abs(abs(end) - radius) for radius in radii]
+            for a, b in (ends for path in paths for ends in pairwise(path)):
+                share = ((end - a) / (b - a)).real  # of the way from a to b, at the nearest point
+                away.append(abs(end - a - min(max(share, 0.0), 1.0) * (b - a)))
+            assert min(away) < 1e-6, (unit[1], pin)
+
+
+def test_the_drawn_wires_are_those_of_the_list(scene: Scene) -> None:
+    """Nets by places alone: wires and pins meet at their ends, and a label names its place."""
+    circuit, found = synthesise(scene), list[tuple[str, str, str]]()
+    for tree in sheets(kicad_project(circuit, scene)).values():
+        wired, names, pins = dict[complex, set[complex]](), list[tuple[complex, str]](), []
+
+        def on_grid(at: complex) -> complex:
+            return complex(round(at.real / 1.27), round(at.imag / 1.27))
+
+        for wire in items(tree, "wire"):
+            ends = {on_grid(complex(*map(float, xy[1:]))) for xy in wire[1][1:]}
+            joined = ends.union(*(wired.get(end, ()) for end in ends))
+            wired |= dict.fromkeys(joined, joined)
+        for label in items(tree, "label") + items(tree, "global_label"):
+            names.append((on_grid(drawn_at(label)[0]), label[1]))
+        library = {each[1]: each for each in items(items(tree, "lib_symbols")[0], "symbol")}
+        for symbol in items(tree, "symbol"):
+            (at, turns), texts = drawn_at(symbol), fields(symbol)
+            unit = items(library[symbol[1][1]], "symbol")[int(items(symbol, "unit")[0][1]) - 1]
+            for pin in items(unit, "pin"):  # of a symbol y is upwards
+                place = on_grid(at + (drawn_at(pin)[0] * 1j**turns).conjugate())
+                if texts["Reference"].startswith("#PWR"):
+                    names.append((place, texts["Value"]))
+                elif not texts["Reference"].startswith("#"):
+                    number = "" if texts["Reference"][0] in "RC" else items(pin, "number")[0][1]
+                    pins.append((texts["Reference"], number, place))  # R and C may be turned
+        for part, number, place in pins:
+            joined = wired.get(place, {place})
+            (net,) = {name for there, name in names if there in joined}
+            found.append((part, number, net))
+    rows = csv.DictReader(wiring(BoardParts(circuit, scene)).splitlines())
+    listed = [(r["Part"], "" if r["Part"][0] in "RC" else r["Pin"], r["Net"]) for r in rows]
+    assert sorted(found) == sorted(listed)
