@@ -124,13 +124,21 @@ def test_a_scene_is_compared_with_its_deck_changed_by_hand(tmp_path: Path) -> No
 
 @pytest.mark.usefixtures("ngspice")
 def test_a_record_is_compared_with_the_exact_solution(tmp_path: Path) -> None:
-    """ngspice's steps err by far less than 0.1 %; 1.5 nF instead of 1 nF by up to 15 %; of 2 V."""
+    """ngspice's steps err by far less than 0.1 %; 1.5 nF instead of 1 nF by up to 15 %; of 2 V.
+
+    A deck whose sources do not change is switched on at t = 0.
+    """
     deck, other = (low_pass(tmp_path / f"{f}.cir", f, "5u", 2) for f in ("1n", "1.5n"))
     raw = run_ngspice(deck, tmp_path / "a.raw")
     found = document(result := taction("diff", deck, raw, "--json"))
     assert result.exit_code == 0
     (wave,) = [each for each in found["readings"] if each["group"] == "waveforms"]
     assert 0.0 < abs(wave["difference"]) < wave["allowed"] == pytest.approx(2e-3, rel=1e-6)
+    still = tmp_path / "still.cir"
+    text = Path(deck).read_text().replace("PULSE(0 2 5u 1n 1n 1 2)", "2")
+    still.write_text(text.replace("0 20n\n", "0 20n uic\n"))
+    on = taction("diff", str(still), run_ngspice(str(still), tmp_path / "still.raw"), "--json")
+    assert (on.exit_code, document(on)["outputs"]) == (0, ["out"])
     found = document(result := taction("diff", raw, other, "--json"))
     assert result.exit_code == 1
     (wave,) = [each for each in found["readings"] if each["group"] == "waveforms"]

@@ -116,6 +116,13 @@ def test_an_oscillator_begins_at_its_closed_form(
     assert crossing(read(DECKS[deck_name]), *over) == pytest.approx((value, frequency), rel=1e-7)
 
 
+def test_two_crossings_between_two_values_are_found(read: Read) -> None:
+    """Lags xT, T, T in a loop of gain 9 oscillate for (x + 2)(1/x + 2) < 10: x from 1/2 to 2."""
+    ring = DECKS["ring"].replace("gain=1.9", f"gain={9.0 ** (1.0 / 3.0)!r}")
+    (sweep,) = checked(read(ring), "C1=10p:1n:2").sweeps
+    assert [edge.value for edge in sweep.edges.edges] == pytest.approx([5e-11, 2e-10], rel=1e-7)
+
+
 def test_sensitivities_of_a_resonator(read: Read) -> None:
     """R L C in series: p = -R/2L + j w with w^2 = 1/LC - (R/2L)^2."""
     rows = {row.name: row for row in checked(read(deck("rlc", "R1 in a 10", "L1 a out 1m",

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import constants
 from scipy.optimize import brentq
 
 import taction
@@ -162,6 +163,22 @@ def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Pa
     reading = found.settling_time
     assert reading is not None
     assert abs(reading.value - true) <= reading.uncertainty + 1e-15 * true
+    # With -R1 it grows, and is compared by the size at the end of what is looked at.
+    growing = f"{cards.replace(repr(ohms), repr(-ohms))}\nE1 x 0 out 0 -2"
+    board = taction.check(
+        written(tmp_path, f"V1 in 0 PULSE(0 1)\n{growing}"), outputs=["out", "x"], ngspice=False
+    )
+    size = 2.0 * math.exp(decay * board.scales.stop) / (ohms * farads * turn)
+    assert board.measurements.amplitude == pytest.approx(size, rel=0.03)
+
+
+def test_an_output_without_known_noise_leaves_those_of_the_others(tmp_path: Path) -> None:
+    """White noise of a divider without a capacitor has no limit; beside 1 nF it is kT/C."""
+    cards = "R1 in a 1k\nR2 a 0 1k\nR3 in out 1k\nC1 out 0 1n\n.print v(a) v(out)"
+    noise = taction.check(written(tmp_path, f"V1 in 0 PULSE(0 1)\n{cards}"), ngspice=False).noise
+    volts = math.nan, math.sqrt(constants.k * 300.15 / 1e-9)
+    assert noise.rms == pytest.approx(volts, rel=1e-12, nan_ok=True)
+    assert noise.unknown.startswith("a: the noise has no limit")
 
 
 def rests(found: MeasuredBoard) -> list[Reading]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,15 +48,15 @@ def lagging(farads: float) -> Circuit:
     return replace(made, resistors=kept, matrices=feedback("b2", R / 100.0))
 
 
-def latch(ohms: float) -> Circuit:
-    """Positive feedback: ``p = (10 kohm / ohms - 1) / RC`` with RC = 1 us, a real pole."""
+def latch(farads: float, ohms: float) -> Circuit:
+    """Positive feedback: ``p = (10 kohm / ohms - 1) / RC``, a real pole."""
     inverter = (Resistor("Ri", "v", "j", R), Resistor("Rj", "j", "a", R))
     return bare(
         models={"ideal": OpAmp("ideal", 1e8)},
         opamps=(OpAmpCell("v", "ideal", "0", "x", "v"), OpAmpCell("a", "ideal", "0", "j", "a")),
         resistors=(Resistor("R", "x", "v", R), *inverter),
         matrices=feedback("a", ohms),
-        capacitors=(Capacitor("C", "x", "v", 1e-10),),
+        capacitors=(Capacitor("C", "x", "v", farads),),
         currents=(CurrentSource("I", "x", -1e-7),),
         constraint_nodes=("a",),
         outputs=(Output("v", 1.0),),
@@ -81,15 +82,16 @@ def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
         check_sides(each)
 
 
-def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None:
-    boards = Family.over(latch)
+@pytest.mark.parametrize("farads", [1e-10, 1e-4])  # RC of 1 us and of 1 s
+def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(farads: float, ngspice: str) -> None:
+    boards = Family.over(partial(latch, farads))
     found = boards.scan(np.geomspace(1e3, 1e5, 21).tolist())
     (crossing,) = found.edges
     assert crossing.value == pytest.approx(R, rel=1e-6)
     assert (crossing.frequency, crossing.unstable_above) == (0.0, False)
     (finding,) = confirmations(boards, found, timeout=600.0)
     check_sides(finding)
-    assert finding.above.predicted.real == pytest.approx((1 / 1.03 - 1) / 1e-6, rel=1e-4)
+    assert finding.above.predicted.real == pytest.approx((1 / 1.03 - 1) / (R * farads), rel=1e-4)
 
 
 def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice: str) -> None:

@@ -214,6 +214,10 @@ def test_slopes_at_rest_are_those_of_the_equilibria_where_a_board_has_no_verdict
     lost = steady_slopes(study, replace(centre, errors=()), moved)
     for found, expected in zip(lost, steady_slopes(study, centre, moved), strict=True):
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
+    ends = [[study.measured(0, s * z).errors for s in (1.0, -1.0)] for z in 0.1 * np.eye(count)]
+    columns = np.array([np.subtract(*pair) / 0.2 for pair in ends]).T  # central differences
+    for found in lost:
+        assert min(np.abs(s * each - found).max() for each in columns for s in (1, -1)) < 1e-3
 
 
 def test_slopes_are_those_of_the_solved_boards() -> None:
