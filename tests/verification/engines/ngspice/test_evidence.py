@@ -219,3 +219,7 @@ def test_a_density_that_is_none_is_refused(tmp_path: Path, density: float, messa
     (tmp_path / "out.raw").write_bytes(integral + spectrum)
     with pytest.raises(BadEvidence, match="the plot is 'Integrated Noise'"):
         integrated_noise(deck, ending)
+    beside = plot("Noise Spectral Density Curves", names, (1.5, 1e-9), (10.0, 1e-9))
+    (tmp_path / "out.raw").write_bytes(beside + integral)
+    with pytest.raises(BadEvidence, match="2 from 1 to 10 Hz were asked for"):
+        integrated_noise(deck, ending)
