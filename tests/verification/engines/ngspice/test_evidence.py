@@ -25,6 +25,7 @@ from taction.system.raw_file import write_raw
 from taction.verification.engines.ngspice.evidence import (
     Ending,
     accepted_waveforms,
+    important_lines,
     integrated_noise,
 )
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
@@ -223,3 +224,9 @@ def test_a_density_that_is_none_is_refused(tmp_path: Path, density: float, messa
     (tmp_path / "out.raw").write_bytes(beside + integral)
     with pytest.raises(BadEvidence, match="2 from 1 to 10 Hz were asked for"):
         integrated_noise(deck, ending)
+
+
+def test_a_long_error_stream_has_its_first_and_last_lines() -> None:
+    lines = [f"line {n}" for n in range(40)]
+    shown = [*lines[:6], "... 28 lines", *lines[-6:]]
+    assert important_lines("\n".join(["Note: nothing", *lines])).split("\n") == shown

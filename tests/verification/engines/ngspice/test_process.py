@@ -203,6 +203,11 @@ def test_version_and_solver(answer: str, version: int, option: str, tmp_path: Pa
         assert simulator.solver_of(f"* title\n.options {asked}\n.end\n") == right
 
 
+def test_a_signal_that_ended_the_question_for_the_version_is_named(tmp_path: Path) -> None:
+    with pytest.raises(errors.SimulatorNotFound, match="was ended by SIGTERM"):
+        find_simulator(fake(tmp_path, "'; kill -TERM $$; '"))
+
+
 def test_variable_overrides_the_path_and_an_argument_overrides_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
