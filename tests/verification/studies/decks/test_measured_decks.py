@@ -20,10 +20,9 @@ from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
 from tests.support.designer_decks import written
 from tests.support.measured import named
-from tests.support.paths import ROOT
+from tests.support.paths import CASES
 
 pytestmark = pytest.mark.usefixtures("ngspice")
-CASES = ROOT / "tests" / "data" / "cases"
 VT = 1.3806488e-23 * 300.15 / 1.602176565e-19  # as ngspice has it at 27 degrees C
 
 
@@ -40,7 +39,7 @@ def checked(folder: Path, text: str, **options: object) -> BoardCheck:
         ("vendor-rdiff-wien.cir", 0.0934, 0.9946),
         ("vendor-rdiff-buffer.cir", -99.19e3, 0.0),
         ("single-pole-1e39.cir", -2.9909e6, 0.0),
-        ("linearise-ldo-stub.cir", 9.17e3, 584e3),
+        ("linearise-ldo-stub.cir", 9.168e3, 584.16e3),
         ("refused-tanh-opamp.cir", -44.739e3, 7.913e3),
         ("limit-silent.cir", -44.739e3, 7.913e3),
         ("supply-through-diode.cir", -1e5 / (1e8 * 53e-12), 0.0),
@@ -48,15 +47,20 @@ def checked(folder: Path, text: str, **options: object) -> BoardCheck:
         ("refused-six-ports-gnd-first.cir", None, None),
         ("refused-order-out-vee-vcc.cir", -0.5e5 / (1e8 * 53e-12) / 1.00375, 0.0),
         ("midsupply-ac.cir", None, None),
+        # 1 TH and 1 TF: s^2 + s R/L + 1/(LC) of what the amplifier's DC gain of 1e6 leaves
+        ("lc-open-loop-slow.cir", -1.875e-10, None),
+        ("refused-hspice-opamp.sp", -1.0 / (10e3 * 1e-9), 0.0),
+        ("refused-laplace.cir", -(1.0 + 1e5 / 11.0) * 62.8, 0.0),
     ],
 )
 def test_the_rightmost_pole_is_right(name: str, real: float | None, hertz: float | None) -> None:
     found = taction.check(CASES / name)
     assert named(found, "ac_agrees").outcome.value == "pass"
     lead = found.poles.rightmost
-    if real is not None and hertz is not None:
-        assert lead.real == pytest.approx(real, rel=2e-3)
-        assert lead.imag / math.tau == pytest.approx(hertz, rel=2e-3)
+    if real is not None:
+        assert lead.real == pytest.approx(real, rel=1e-4)
+    if hertz is not None:
+        assert lead.imag / math.tau == pytest.approx(hertz, rel=1e-4)
     assert found.poles.stable is (lead.real < 0.0)
     if name == "refused-supply-bead.cir":  # the ferrite and the capacitor of the supply
         (upper,) = [p for p in found.apart.hidden.tolist() if p.imag > 0.0]
@@ -86,19 +90,6 @@ Rd vdd d 2k
 J1 vdd d s jf
 D1 s out ds
 Rl out 0 1k"""
-EMITTER = """VCC vcc 0 12
-Vin in 0 AC 1
-C1 in b 10u
-R1 vcc b 100k
-R2 b 0 22k
-RC vcc c 2.2k
-RE e 0 1k
-CE e 0 100u
-C2 c out 10u
-RL out 0 10k
-Q1 c b e q
-.model q NPN(Is=6.734f Bf=255.9 Vaf=74.03 Cje=4.493p Tf=301.2p)"""
-
 # A base resistance that falls with the current, without a capacitance to the substrate.
 FALLING = """Vp vp 0 5
 V1 in 0 0.9 AC 1
@@ -124,13 +115,6 @@ Vin in 0 dc 0.8 ac 1
 M1 d in 0 0 nm w=20u l=0.5u {}
 Rd vdd d 1k
 Cl d 0 1p"""
-
-
-def test_a_device_without_a_finite_small_signal_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no finite small signal"):
-        checked(tmp_path, MOS.format(4, "rsh=10", "nrd=2 nrs=3"), outputs="d")
-
-
 # An op-amp of the Boyle kind: gains of 2e9 leave 1e-6 of a current to ngspice's rounding.
 LOOP = """.model jx pjf(beta=300u vto=-1 is=2.5p)
 .model dx d(is=8e-16)
@@ -162,8 +146,6 @@ D3 90 91 dx
 Vlp 91 0 18
 D4 92 90 dx
 Vln 0 92 18"""
-
-
 # 47 pA of the gate flow through D6: a second point in one run of ngspice has others.
 FOLLOWER = """.model dx d(is=1e-15)
 .model jx pjf(beta=12.5u vto=-2 is=30p)
@@ -200,7 +182,7 @@ L1 x y 1u
 C2 y 0 1p
 .print v(a)"""
 RESPONDING = {
-    **dict.fromkeys((PAIR, FIELD, EMITTER, LEAKING, WEAK, FOLLOWER), ()),
+    **dict.fromkeys((PAIR, FIELD, LEAKING, WEAK, FOLLOWER), ()),
     **{MOS.format(n, *ohms): "d" for n in (2, 8, 14) for ohms in OHMIC},
     LOOP: "5",
     FALLING: "c",
@@ -246,6 +228,15 @@ def test_nodes_and_outputs_are_found_by_their_names(tmp_path: Path) -> None:
         ("A1 in out g\n.model g gain(gain=2)", ("code model", "not accepted")),
         ("S1 out 0 in 0 sw\n.model sw sw(vt=0.5)", ("S1", "expected a resistor")),
         ("Q1 out in 0 m\n.model m nbjt level=1", ("line 5", "CIDER", "npn")),
+        ("M1 out in 0 0 m nrd=2 nrs=3\n.model m nmos(level=4 rsh=10)", ("no finite small signal",)),
+        # PSpice's IF is read in ngspice's PSpice mode alone, which lists up to 4,000 characters:
+        # the reason is that of the mode that reads most.
+        (f"E1 out 0 value={{if(v(in)>0,{'+'.join(['v(in)*1m'] * 700)},0)}}", ("too many terms",)),
+        ("E1 out 0 in 0 Laplace=exp(-s*1u)", ("no quotient of polynomials",)),
+        ("E1 out 0 in 0 Laplace=s/(1+s)*s", ("order of the numerator is 2",)),
+        ("E1 out 0 in 0 Laplace=(1+s", ("cannot be read",)),
+        ("E1 out 0 in 0 Laplace=1/(1+s)^40", ("no quotient of polynomials",)),
+        ("E1 out 0 in 0 Laplace=1/(s-s)", ("a denominator of 0",)),
     ],
 )
 def test_what_is_not_measured_is_refused(card: str, words: tuple[str, ...], tmp_path: Path) -> None:
@@ -281,13 +272,6 @@ Q1 a y 0 n
 Q2 b x 0 n
 I1 0 a dc 0 ac 1
 .print v(a)"""
-SCHMITT = """B1 o1 0 V=10*tanh(1e3*(V(p)-V(n)))
-Ro o1 out 100
-Co out 0 1n
-R1 out p 10k
-R2 p 0 10k
-Cp p 0 10p
-V1 n 0 dc 0 ac 1"""
 HIDDEN = """V1 in 0 dc 0 ac 1
 R1 in out 1k
 C1 out 0 1n
@@ -297,7 +281,7 @@ C2 h 0 1n
 .print v(out)"""
 
 
-@pytest.mark.parametrize(("text", "rate"), [(LATCH, None), (SCHMITT, None), (HIDDEN, 1e6)])
+@pytest.mark.parametrize(("text", "rate"), [(LATCH, None), (HIDDEN, 1e6)])
 def test_the_middle_of_a_latch_is_no_pass(text: str, rate: float | None, tmp_path: Path) -> None:
     """Also one that no source and no output sees; stable points stand on either side of it."""
     found = checked(tmp_path, text)
@@ -390,13 +374,6 @@ def test_solvers_that_differ_do_not_decide(tmp_path: Path, monkeypatch: pytest.M
         assert (said in check.reason) is (outcome != "fail")
 
 
-def test_the_reason_is_that_of_the_mode_that_reads_most(tmp_path: Path) -> None:
-    """PSpice's IF is read in ngspice's PSpice mode alone, which lists up to 4,000 characters."""
-    terms = "+".join(["v(in)*1m"] * 700)
-    with pytest.raises(InputError, match="too many terms"):
-        checked(tmp_path, f"V1 in 0 1\nR1 in 0 1k\nE1 out 0 value={{if(v(in)>0,{terms},0)}}")
-
-
 @pytest.mark.parametrize("formula", ["500*i(e1)", "tanh(500*i(e1)+0.5)"])
 def test_the_current_of_a_source_is_not_that_of_another_part(formula: str, tmp_path: Path) -> None:
     """``i(e1)`` beside a source Ve1, with 2 V at 1 kohm: -2 mA, and a gain of -1 V/V at the node.
@@ -415,10 +392,7 @@ def test_the_current_of_a_source_is_not_that_of_another_part(formula: str, tmp_p
 
 
 def test_a_capacitance_of_nothing_is_left_out(tmp_path: Path) -> None:
-    """CSS of many a vendor's op-amp, 1e-30 F, is no pole at 1e33 /s."""
-    found = checked(tmp_path, "V1 in 0 1\nR1 in out 1k\nC1 out 0 1n\nR2 in x 1\nC2 x 0 1e-30")
-    assert [pole.real for pole in found.poles.poles] == pytest.approx([-1e6])
-    assert "less than 1e-23 F, so left out: C2" in found.notes
+    """Less than 1e-23 F, such as CSS of many a vendor's op-amp, is no pole at 1e33 /s."""
     found = checked(tmp_path, f"{AREA}\nD2 0 out m 400e-12")
     assert any("left out: D1, D2" in note for note in found.notes)
     assert found.poles.poles == pytest.approx([-1.0 / (1e3 * 6e-9)], rel=1e-6)
