@@ -65,6 +65,8 @@ WORST = [
 ]
 T, EPS = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]]), np.array([3.0, 4.0, 2.0])
 
+pytestmark = pytest.mark.usefixtures("ngspice")
+
 
 @pytest.mark.parametrize("dialect", READABLE)
 @pytest.mark.parametrize(
@@ -72,7 +74,7 @@ T, EPS = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]]), np.array([3.0, 4.0, 2.0
     [*(("", each) for each in sorted(TOPOLOGIES)), ("known-readings", ""), ("custom-matrix", "")],
 )
 def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
-    name: str, topology: str, dialect: str, tmp_path: Path, ngspice: str
+    name: str, topology: str, dialect: str, tmp_path: Path
 ) -> None:
     if name:
         scene = taction.load_scene(f"scenes/{name}.toml")
@@ -98,7 +100,7 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
 
 
 @pytest.mark.nightly  # margins of 150 parts: a minute of processor time
-def test_a_real_pole_that_crosses_beyond_a_margin_is_known(tmp_path: Path, ngspice: str) -> None:
+def test_a_real_pole_that_crosses_beyond_a_margin_is_known(tmp_path: Path) -> None:
     """The margin is 3.27; det(-K) in rational numbers changes its sign at 22.70 to 22.72 Rf_2_2."""
     place = tmp_path / "board.cir"
     place.write_text(taction.netlist("scenes/tuned-breadboard.toml").text)
@@ -112,7 +114,7 @@ def test_a_real_pole_that_crosses_beyond_a_margin_is_known(tmp_path: Path, ngspi
     assert not any(row.doubt for row in found.parts)
 
 
-def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path, ngspice: str) -> None:
+def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path) -> None:
     parts = "R1 in out 1k\nC1 out 0 1n\nR5 0 0 1k\nC5 0 0 1n\nR6 out out 2k"
     place = written(tmp_path, f"V1 in 0 PULSE(0 1)\n{parts}")
     found = taction.check(place, checks="margin=2", ngspice=False)
@@ -181,15 +183,14 @@ def test_an_output_without_known_noise_leaves_those_of_the_others(tmp_path: Path
     assert noise.unknown.startswith("a: the noise has no limit")
 
 
-def rests(found: MeasuredBoard) -> list[Reading]:
-    """The outputs at rest."""
-    return [Reading(volts, found.rest_error) for volts in found.rest.tolist()]
-
-
 @pytest.fixture
 def deck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A deck, while there is one more question; documents are made anew before and after."""
     caches = (documents.parts_of, documents._hints, document_catalogue.units)
+
+    def rests(found: MeasuredBoard) -> list[Reading]:
+        return [Reading(volts, found.rest_error) for volts in found.rest.tolist()]
+
     asked = Question("level", "V", "level at rest", "the least level", rests, large=True)
     monkeypatch.setitem(QUESTIONS, "level", asked)
     place = written(tmp_path, DIVIDER)
@@ -201,7 +202,7 @@ def deck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize(("limit", "status"), [("2.9V", 0), ("3.1V", 1), ("3.0V", 3)])
-def test_a_question_is_judged_and_shown(deck: Path, limit: str, status: int, ngspice: str) -> None:
+def test_a_question_is_judged_and_shown(deck: Path, limit: str, status: int) -> None:
     """R2/(R1 + R2) of 4 V is 3 V; the limit is the least value."""
     result = command("check", str(deck), "--check", f"level={limit}", "--no-ngspice")
     assert result.exit_code == status, result.output
@@ -209,7 +210,7 @@ def test_a_question_is_judged_and_shown(deck: Path, limit: str, status: int, ngs
     assert "level at rest" in result.stdout
 
 
-def test_a_question_is_in_sweeps_documents_and_yields(deck: Path, ngspice: str) -> None:
+def test_a_question_is_in_sweeps_documents_and_yields(deck: Path) -> None:
     spread = deck.with_name("parts.toml")
     spread.write_text('[parts]\nR2 = "10%"\n')
     found = taction.check(deck, checks="level=2V", tolerances=spread, samples=5)
@@ -235,7 +236,6 @@ def checked(folder: Path, deck: str, spread: str, **more: object) -> BoardCheck:
     return taction.check(written(folder, deck), tolerances=parts, **options)  # type: ignore[arg-type]
 
 
-@pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(("deck", "spread", "quantity", "worst"), WORST)
 def test_a_corner_has_the_worst_value_of_the_closed_form(
     deck: str, spread: str, quantity: str, worst: float, tmp_path: Path
@@ -247,7 +247,6 @@ def test_a_corner_has_the_worst_value_of_the_closed_form(
     assert corner.result.value(quantity) == pytest.approx(worst, rel=rel)
 
 
-@pytest.mark.usefixtures("ngspice")
 def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
     """C is C0 1.05^z with z from -1 to 1: it is below 1.02 C0 in (1 + ln 1.02 / ln 1.05) / 2."""
     limit = 1.02 * TAU * math.log(100.0)
@@ -264,7 +263,6 @@ def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
     assert {check.outcome.value for check in found.checks} == {"pass"}
 
 
-@pytest.mark.usefixtures("ngspice")
 def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
     deck, parts = written(tmp_path, RC), tmp_path / "parts.toml"
     parts.write_text("capacitor = 0.05\n")
@@ -278,7 +276,6 @@ def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
     assert "settling time not kept" in result.output
 
 
-@pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(
     ("spread", "reason"),
     [
