@@ -29,7 +29,7 @@ from taction.verification.studies.regression.regress import (
     updated_baseline,
 )
 from taction.verification.verdict.record import Difference
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import verify
 from tests.support.entries import channel, entry, write_fast
 
 
@@ -79,11 +79,6 @@ def test_what_is_wrong_with_a_file_is_said_and_what_to_do(tmp_path: Path, text: 
 def test_what_is_no_file_is_named(tmp_path: Path, name: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         load_baseline(tmp_path / name)
-
-
-@pytest.fixture(scope="module")
-def verdict(tmp_path_factory: pytest.TempPathFactory) -> Verdict:
-    return verify(load_scene(write_fast(tmp_path_factory.mktemp("scene") / "fast.toml")))
 
 
 def test_of_an_unstable_board_no_transient_is_compared(tmp_path: Path) -> None:
@@ -191,49 +186,40 @@ def run(
         return report
 
 
-def entries(folder: Path) -> dict[str, Entry]:
-    return updated_baseline(run(folder, update=True), {})
-
-
 def only(report: RegressionReport) -> SceneResult:
     (result,) = report.results
     return result
 
 
+def stored(folder: Path, **scene: str) -> dict[str, Entry]:
+    """The baseline of a folder of one scene, whatever its checks say."""
+    return {"a.toml": observe(verify(load_scene(write_fast(folder / "a.toml", **scene))))}
+
+
 @pytest.fixture(scope="module")
 def passing(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Entry]:
-    folder = tmp_path_factory.mktemp("passing")
-    write_fast(folder / "a.toml")
-    return entries(folder)
-
-
-@pytest.fixture(scope="module")
-def failing(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Entry]:
-    folder = tmp_path_factory.mktemp("failing")
-    write_fast(folder / "a.toml", limit="1us")
-    entry = only(run(folder)).entry
-    assert entry is not None
-    return {"a.toml": entry}
+    return stored(tmp_path_factory.mktemp("passing"))
 
 
 @pytest.mark.parametrize(
     ("scene", "before", "status", "exit_status"),
     [
-        ({}, "", Status.NEW, 0),  # judged by its checks
-        ({"limit": "1us"}, "", Status.NEW, 1),
-        ({}, "passing", Status.SAME, 0),
-        ({"capacitance": "10.5pF"}, "passing", Status.CHANGED, 1),
-        ({"limit": "1us"}, "passing", Status.BROKEN, 1),
-        ({"limit": "1us"}, "failing", Status.FAILING, 1),
-        ({}, "failing", Status.NEWLY_PASSING, 0),
+        ({}, None, Status.NEW, 0),  # judged by its checks
+        ({"limit": "1us"}, None, Status.NEW, 1),
+        ({}, {}, Status.SAME, 0),
+        ({"capacitance": "10.5pF"}, {}, Status.CHANGED, 1),
+        ({"limit": "1us"}, {}, Status.BROKEN, 1),
+        ({"limit": "1us"}, {"limit": "1us"}, Status.FAILING, 1),
+        ({}, {"limit": "1us"}, Status.NEWLY_PASSING, 0),
     ],
 )
 def test_a_scene_is_told_from_what_it_was(
-    scene: dict[str, str], before: str, status: Status, exit_status: int, tmp_path: Path,
-    passing: dict[str, Entry], failing: dict[str, Entry],
+    scene: dict[str, str], before: dict[str, str] | None, status: Status, exit_status: int,
+    tmp_path: Path,
 ) -> None:  # fmt: skip
+    baseline = {} if before is None else stored(tmp_path, **before)
     write_fast(tmp_path / "a.toml", **scene)
-    report = run(tmp_path, {"": {}, "passing": passing, "failing": failing}[before])
+    report = run(tmp_path, baseline)
     found = only(report)
     assert (found.status, report.exit_status) == (status, exit_status)
     if status is Status.SAME:
