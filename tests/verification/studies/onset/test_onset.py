@@ -134,19 +134,16 @@ def test_a_mode_hidden_by_a_faster_instability_is_left_undecided(ngspice: str) -
     assert "the fit is uncertain" in finding.reason
 
 
-@pytest.fixture
-def damping(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let confirmations integrate with Gear's method and steps that damp a growing mode."""
+def test_an_integration_that_damps_is_reported_as_a_disagreement(
+    monkeypatch: pytest.MonkeyPatch, ngspice: str
+) -> None:
+    """Confirmations use Gear's method and steps that damp a growing mode."""
 
     def damped(circuit: Circuit, analysis: Any, **options: Any) -> Any:
         coarse = replace(analysis, method="gear", max_step=8.0 * analysis.max_step, truncation=1e3)
         return write_deck(circuit, coarse, **options)
 
     monkeypatch.setattr(onset_module, "write_deck", damped)
-
-
-@pytest.mark.usefixtures("ngspice", "damping")
-def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
     found = taction.onset(TUNED, over="C=4pF:5pF:3")
     (trial,) = found.findings
     assert (found.outcome, trial.confirmed) == ("inconclusive", False)

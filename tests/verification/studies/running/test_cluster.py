@@ -48,17 +48,15 @@ def dask(*words: str, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 @contextmanager
-def scheduler(folder: Path, processes: dict[str, Any] | None = None) -> Iterator[Path]:
-    """Start a scheduler; yield the file with its address. `processes` receives the process."""
+def scheduler(folder: Path) -> Iterator[tuple[Path, subprocess.Popen[bytes]]]:
+    """Start a scheduler; yield the file with its address, and its process."""
     file = folder / "scheduler.json"
     words = ("scheduler", "--port", "0", "--scheduler-file", str(file))
     with dask(*words, folder=folder) as process:
-        if processes is not None:
-            processes["scheduler"] = process
         end = time.monotonic() + 60
         while not (file.exists() and file.stat().st_size) and time.monotonic() < end:
             time.sleep(0.02)
-        yield file
+        yield file, process
 
 
 def worker(stack: ExitStack, file: Path) -> subprocess.Popen[bytes]:
@@ -79,7 +77,7 @@ pytest.importorskip("distributed")
 def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     plan = grid_plan(f"C=50p:500p:{POINTS}")
     with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
+        file, _ = stack.enter_context(scheduler(tmp_path))
         assert address(file).startswith("tcp://127.0.0.1:")
         victim = worker(stack, file)
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
@@ -122,7 +120,7 @@ def test_no_worker_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(module, "WORKER_PATIENCE", 0.5)
     said: list[str] = []
     with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
+        file, _ = stack.enter_context(scheduler(tmp_path))
         with pytest.raises(NoVerdictError, match=r"no worker for 0\.5 s; start one with `dask wor"):
             stack.enter_context(cluster(address(file), said.append))
     assert said == ["the cluster has no worker: waiting for one, 0.5 s"]
@@ -147,9 +145,8 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
     with ExitStack() as stack:
         database = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         cluster_stack = stack.enter_context(ExitStack())
-        processes: dict[str, Any] = {}
-        file = cluster_stack.enter_context(scheduler(tmp_path, processes))
-        processes["worker"] = worker(cluster_stack, file)
+        file, head = cluster_stack.enter_context(scheduler(tmp_path))
+        processes = {"scheduler": head, "worker": worker(cluster_stack, file)}
         workers = stack.enter_context(cluster(address(file)))
 
         def kill(said: str) -> None:

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -169,12 +168,6 @@ def missing(error: BaseException | None, reason: str, name: str) -> str:
     return f"{name}: {reason}"
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_results_stand_in_the_order_of_the_calls(jobs: int) -> None:
-    found = for_each(str.upper, [(name,) for name in "abcd"], "abcd", missing, jobs=jobs)
-    assert found == ["A", "B", "C", "D"]
-
-
 def test_a_killed_process_costs_only_its_own_call() -> None:
     calls = [(name,) for name in "abcd"]
     first, second, *others = for_each(killed_at_b, calls, "abcd", missing, jobs=2)
@@ -230,16 +223,6 @@ def stored(path: Path) -> int:
         return 0
 
 
-def resumed(folder: Path) -> dict[str, Any]:
-    done = python(*command(folder, "--json"))
-    assert done.returncode == 0, done.stderr
-    said, *later = done.stderr.splitlines()
-    assert re.fullmatch(r"taction: computing \d+ of 40 points", said)
-    assert [line for line in later if " of 40 points" not in line] == []  # on a slow machine
-    document: dict[str, Any] = json.loads(done.stdout)
-    return document
-
-
 @pytest.mark.parametrize(
     ("number", "status", "says"),
     [
@@ -267,7 +250,12 @@ def test_a_sweep_that_is_ended_goes_on_where_it_was(
     assert says in text
     assert "Traceback" not in text
     assert 5 <= before < 40
-    document = resumed(tmp_path)
+    done = python(*command(tmp_path, "--json"))
+    assert done.returncode == 0, done.stderr
+    said, *later = done.stderr.splitlines()
+    assert re.fullmatch(r"taction: computing \d+ of 40 points", said)
+    assert [line for line in later if " of 40 points" not in line] == []  # on a slow machine
+    document = json.loads(done.stdout)
     assert document["ran"] == 40 - before
     assert len(document["points"]) == document["done"] == 40
     assert all(point["outcome"] == "pass" for point in document["points"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,15 +66,6 @@ def found(store: Store, study: VariedBoard = STUDY, seed: int = 1) -> list[Board
     return [store.record_of(key, BoardSample) for key in map(sample_keys(study, seed), range(3))]
 
 
-@pytest.fixture
-def kept() -> Iterator[Store]:
-    with Store(":memory:") as store:
-        for sample in SAMPLES:
-            store.put(sample_keys(STUDY, 1)(sample.number), sample)
-        assert found(store) == [SAMPLES[0], None, SAMPLES[1]]
-        yield store
-
-
 LOOSER = {"checks": {"steady_state": {"tolerance": 0.1}}}
 
 
@@ -84,16 +74,15 @@ LOOSER = {"checks": {"steady_state": {"tolerance": 0.1}}}
     (1, {}, {"simulator_name": "other"}),
 ])  # fmt: skip
 def test_samples_of_another_scene_or_program_are_new(
-    kept: Store, seed: int, tables: Any, changed: Any, monkeypatch: pytest.MonkeyPatch
+    seed: int, tables: Any, changed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, value in changed.items():
-        monkeypatch.setattr(versions, name, lambda *engine, value=value: value)
-    assert found(kept, prepare(small_scene(**tables)), seed) == [None] * 3
-
-
-def nothing_is_missing(board: object, missing: Iterator[object], workers: object) -> list[object]:
-    assert list(missing) == []
-    return []
+    with Store(":memory:") as store:
+        for sample in SAMPLES:
+            store.put(sample_keys(STUDY, 1)(sample.number), sample)
+        assert found(store) == [SAMPLES[0], None, SAMPLES[1]]
+        for name, value in changed.items():
+            monkeypatch.setattr(versions, name, lambda *engine, value=value: value)
+        assert found(store, prepare(small_scene(**tables)), seed) == [None] * 3
 
 
 def test_only_what_is_missing_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +92,8 @@ def test_only_what_is_missing_is_drawn(tmp_path: Path, monkeypatch: pytest.Monke
         assert store.count() == 4
         again = list(run_samples(STUDY, 6, 1, HERE, store))
         assert store.count() == 6
-        monkeypatch.setattr(montecarlo, "evaluate_all", nothing_is_missing)
+        # What is missing, which is nothing, takes the place of its samples.
+        monkeypatch.setattr(montecarlo, "evaluate_all", lambda board, missing, _: [*missing])
         assert list(run_samples(STUDY, 6, 1, HERE, store)) == again
     monkeypatch.undo()
     assert again == list(run_samples(STUDY, 6, 1, HERE))
