@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -68,30 +69,11 @@ def test_a_command_calls_the_function_of_its_name(name: str) -> None:
             assert "help" in parameter.attributes or told["help"] == sentence
 
 
-class Ended:
-    """A result that only has an end."""
-
-    def __init__(self, **values: Any) -> None:
-        vars(self).update(values)
-
-
 @pytest.mark.parametrize(("outcome", "status"), [("pass", 0), ("fail", 1), ("inconclusive", 3)])
 def test_the_exit_status_of_a_result(outcome: str, status: int) -> None:
-    assert cli.status_of(Ended(outcome=outcome)) == status
-    assert cli.status_of(Ended(outcome=outcome, exit_status=2)) == 2
-    assert cli.status_of(Ended()) == 0
-
-
-def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) -> None:
-    """Let the function of a command end with `error`."""
-    function = CALLS[name].function
-    real = signature(function)
-
-    def ends(*_: Any, **__: Any) -> None:
-        raise error
-
-    monkeypatch.setattr(taction, function, ends)
-    monkeypatch.setattr(cli, "signature", lambda asked: real if asked == function else {})
+    assert cli.status_of(SimpleNamespace(outcome=outcome)) == status
+    assert cli.status_of(SimpleNamespace(outcome=outcome, exit_status=2)) == 2
+    assert cli.status_of(SimpleNamespace()) == 0
 
 
 ENDS = [
@@ -118,7 +100,13 @@ ENDS = [
 def test_every_command_ends_alike(
     name: str, error: BaseException, status: int, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    failing(monkeypatch, name, error)
+    def ends(*_: Any, **__: Any) -> None:
+        raise error
+
+    function = CALLS[name].function
+    known = signature(function)
+    monkeypatch.setattr(taction, function, ends)
+    monkeypatch.setattr(cli, "signature", lambda asked: known if asked == function else {})
     for mode in ((), ("--json",)):
         result = run(*words_of(name), *mode)
         assert result.exit_code == status

@@ -13,6 +13,7 @@ import pytest
 from taction.verification.studies.regression.difference import VerdictDifference
 from taction.verification.verdict.record import Record, compare, within_uncertainties
 from tests.support.entries import write_fast
+from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
@@ -40,16 +41,13 @@ def test_keys_come_first_with_defaults_then_readings_beyond_bounds(tmp_path: Pat
 
 def test_a_file_of_the_same_name_with_another_content_is_a_difference(tmp_path: Path) -> None:
     scenes = []
-    for folder, entry in (("a", "1.0"), ("b", "1.1")):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "T.csv").write_text(f"2.0,0.5\n0.5,{entry}\n")
-        (tmp_path / folder / "e.csv").write_text("0.2\n0.1\n")
-        scene = tmp_path / folder / "board.toml"
-        problem = 'kind = "matrix"\nmatrix = "T.csv"\nstrain = "e.csv"'
-        scene.write_text(f'[problem]\n{problem}\n[analysis]\nengine = "statespace"\n')
-        scenes.append(str(scene))
-    result = taction("diff", *scenes)
-    assert "T.csv (another content)" in result.stdout
+    for name, entry in (("a", 1.0), ("b", 1.1)):
+        folder = tmp_path / name
+        folder.mkdir()
+        engine = '[analysis]\nengine = "statespace"\n'
+        matrix = [[2.0, 0.5], [0.5, entry]]
+        scenes.append(str(write_matrix_scene(folder, matrix, [0.2, 0.1], engine)))
+    assert "T.csv (another content)" in taction("diff", *scenes).stdout
 
 
 def test_an_unknown_bound_leaves_the_question_open() -> None:

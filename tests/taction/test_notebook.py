@@ -30,14 +30,10 @@ STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]
 DESIGN = '[design]\ncapacitance = "1nF"\ngain = "1Mohm"\nlambda = 0.5\n'
 
 
-def verdict(kind: str) -> taction.Verdict:
-    return verdicts()[kind]
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """One result of every type, by the name of the type."""
-    passing = verdict("passing")
+    passing = verdicts()["passing"]
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
     two = scene_file(tmp_path_factory.mktemp("yield"))
     made = (
@@ -57,9 +53,7 @@ def text_of(card: str) -> str:
     assert len(card.encode()) < MOST_BYTES
     etree.fromstring(card)  # strict: every element is closed, every attribute is quoted
     tree = html.fromstring(card)
-    assert {each.tag for each in tree.iter()} <= {
-        "div", "span", "b", "pre"
-    }  # fmt: skip
+    assert {each.tag for each in tree.iter()} <= {"div", "span", "b", "pre"}
     return " ".join(tree.text_content().split())
 
 
@@ -70,7 +64,7 @@ def is_short(text: str) -> bool:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_repr_and_card_of_a_verdict_name_the_outcome_and_the_values(kind: str) -> None:
-    shown = verdict(kind)
+    shown = verdicts()[kind]
     C = {"oscillating": "10 pF", "failing": "100 pF"}.get(kind, "1 nF")
     for text in (repr(shown), text_of(shown._repr_html_())):
         assert shown.outcome.value in text
