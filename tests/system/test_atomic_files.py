@@ -105,19 +105,14 @@ def test_a_file_comes_back_whole_or_is_refused(tmp_path: Path) -> None:
     ("text", "shown"),
     [
         ("plain µ Ω", "plain µ Ω"),
-        ("a\nb", r"a\nb"),
-        ("a\r\tb", r"a\r\tb"),
         ("\x1b]0;title\x07", r"\x1b]0;title\x07"),
-        ("\x9b2J", r"\x9b2J"),
         ("\u202eevil\u2028", r"\u202eevil\u2028"),
         ("\udcff", r"\udcff"),
-        ("::error::x", r"\x3a:error::x"),
         ("  ::error::x", r"  \x3a:error::x"),
         ("a\n::error::x", r"a\n::error::x"),
         ("a::b", "a::b"),
         ("##[error]x", r"\x23#[error]x"),
         ("# [x]", "# [x]"),
-        ("", ""),
     ],
 )
 def test_a_text_is_shown_in_one_printable_line(text: str, shown: str) -> None:

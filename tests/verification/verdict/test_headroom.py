@@ -132,33 +132,9 @@ def test_one_channel_by_hand() -> None:
     assert (load.part, load.rest) == ("a_1", pytest.approx(a, rel=1e-6))
 
 
-def test_the_level_changes_neither_the_equilibrium_nor_the_poles() -> None:
+def slewing(volts: float) -> Scene:
     scene = load_scene(CASES / "slew-ua741.toml")
-    levels = ("small-signal", "auto")
-    one, other = (build(with_values(scene, {"design.opamp.level": n})).linear for n in levels)
-    assert one.circuit.is_linear
-    assert not other.circuit.is_linear
-    for output in one.circuit.outputs:
-        ends = (board.equilibrium[output.node] for board in (one, other))
-        assert next(ends) == pytest.approx(next(ends), abs=1e-9)
-    lead = (board.state_space.modes.poles[0] for board in (one, other))
-    assert next(lead) == pytest.approx(next(lead), rel=1e-6)
-
-
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("volts", [8.0, *nightly(1.0)])
-def test_both_engines_agree_on_a_board_that_slews_and_clips(volts: float) -> None:
-    """At U0 = 1 V op-amps slew, at 8 V they reach 14 V on the way, too."""
-    changes = {"design.unit_voltage": volts, "analysis.error": 5e-5}
-    scene = with_values(load_scene(CASES / "slew-ua741.toml"), changes)
-    verdict = verify(scene.with_engine("ngspice"))
-    agree, headroom = named(verdict, "engines_agree"), named(verdict, "headroom")
-    assert (verdict.outcome, agree.outcome) == (Outcome.PASS, Outcome.PASS)
-    assert agree.value < 1e-4
-    assert "would need 1.58 V/us of 0.5 V/us;" in headroom.reason or volts > 1.0
-    document = verdict_document(verdict)
-    assert document["opamp_level"] == "large-signal"
-    assert document["headroom"][0]["share"] == pytest.approx(3.164 * volts, rel=2e-3)
+    return with_values(scene, {"design.unit_voltage": volts})
 
 
 def beyond_limits(channels: int, **figures: str) -> Scene:
@@ -172,6 +148,9 @@ AMPLIFIED = {"amplifier": "exponential", "exponential_slope": "0.1V", "capacitan
 AMPLIFIED |= {"lambda": 0.2, "gain": "100kohm", "unit_conductance": "10uS", "opamp": "ua741"}
 # The scene, and what the headroom says.
 SLEWING = {
+    # At U0 = 1 V op-amps slew, at 8 V they reach 14 V on the way, too.
+    "slewing": (slewing(1.0), "would need 1.58 V/us of 0.5 V/us;"),
+    "clipping": (slewing(8.0), ""),
     "followers": (make_scene(design=FOLLOWERS | {"unit_voltage": "5V"}), ""),
     "a current": (beyond_limits(3, output_current="0.25mA"), "and largest output current"),
     "many unknowns": (beyond_limits(5), "slew rate and swing"),
@@ -180,11 +159,12 @@ SLEWING = {
         "slew rate counts",
     ),
 }
+LATER = ("slewing", "many unknowns")
 
 
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(
-    "name", [*(name for name in SLEWING if name != "many unknowns"), *nightly("many unknowns")]
+    "name", [*(name for name in SLEWING if name not in LATER), *nightly(*LATER)]
 )
 def test_both_engines_agree_on_slewing_boards(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "many unknowns":  # solved through its structure
@@ -192,7 +172,7 @@ def test_both_engines_agree_on_slewing_boards(name: str, monkeypatch: pytest.Mon
     scene, reason = SLEWING[name]
     verdict = verify(with_values(scene, {"analysis.error": 5e-5}).with_engine("ngspice"))
     agree = named(verdict, "engines_agree")
-    assert not verdict.circuit.is_small_signal
+    assert verdict_document(verdict)["opamp_level"] == "large-signal"
     assert reason in named(verdict, "headroom").reason
     assert agree.outcome is Outcome.PASS
     assert agree.value < 1e-4

@@ -185,35 +185,6 @@ def test_currents_of_field_effect_inputs_are_four_times_as_large_20_kelvins_high
     assert own.mean == pytest.approx(3e-9)
 
 
-ERRORS = {"base": "tl084", "offset_voltage": "3mV", "bias_current": "20nA", "offset_current": "4nA"}
-SCENES_WITH_ERRORS: dict[str, dict[str, Any]] = {
-    "integrator": {},
-    "rest": {"initial": "rest"},
-    "passive": {"topology": "passive", "lam": 10.0, "common_mode_rejection": 60.0},
-    "exponential": {"amplifier": "exponential", "exponential_slope": 0.2, "initial": "rest"},
-}
-
-
-def board(**values: Any) -> Scene:
-    T = np.array([[1.0, 0.4, -0.2], [0.3, 0.9, 0.1], [-0.2, 0.2, 1.1]])
-    opamp = {**ERRORS, "common_mode_rejection": values.pop("common_mode_rejection", 80.0)}
-    design = {"capacitance": 1e-10, "gain": 1e5, "unit_conductance": 1e-5, "lam": 0.2}
-    return Scene.from_arrays(
-        T, [0.7, 0.5, 0.4], **{**design, "opamp": opamp, "error": 5e-5, **values}
-    )
-
-
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("name", SCENES_WITH_ERRORS)
-def test_both_engines_agree_on_boards_with_errors(name: str) -> None:
-    verdict = verify(board(**SCENES_WITH_ERRORS[name]).with_engine("ngspice"))
-    agree = named(verdict, "engines_agree")
-    assert agree.outcome is Outcome.PASS
-    assert agree.value < 1e-4
-    moved = {part.name: part.value for part in verdict.budget}
-    assert moved["offset_voltage"] > 1e-3  # V
-
-
 VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
 PINS, FILE = ("inp", "inn", "vcc", "vee", "out"), "fet100.opamp.json"
 SCENE: dict[str, dict[str, Any]] = {

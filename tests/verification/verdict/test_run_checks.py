@@ -23,7 +23,6 @@ from taction.verification.verdict.checks import (
     Check,
     Evidence,
     Outcome,
-    at_most,
     cause,
     causes,
     following,
@@ -237,36 +236,11 @@ def test_a_record_that_is_too_short_decides_nothing_and_says_what_would() -> Non
     assert {found.outcome for found in run_checks(known)} == {PASS}
 
 
-@pytest.mark.parametrize(
-    ("value", "uncertainty", "limit", "outcome"),
-    [
-        (1.0, 0.0, 1.0, PASS),
-        (1.05, 0.1, 1.0, UNDECIDED),
-        (1.0, math.inf, 1.0, UNDECIDED),
-        (1.0, math.nan, 1.0, UNDECIDED),
-        (math.nan, 0.0, 1.0, UNDECIDED),
-        (math.inf, 0.0, 1.0, UNDECIDED),
-        (-5.0, 0.0, 0.0, PASS),
-    ],
-)
-def test_a_limit_within_the_uncertainty_is_undecided(
-    value: float, uncertainty: float, limit: float, outcome: Outcome
-) -> None:
-    assert at_most(value, uncertainty, limit) is outcome
-
-
-@pytest.mark.parametrize(
-    ("outcomes", "whole"),
-    [
-        ((PASS, PASS), PASS),
-        ((PASS, UNDECIDED), UNDECIDED),
-        ((UNDECIDED, FAIL, PASS), FAIL),
-        ((), UNDECIDED),
-    ],
-)
-def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outcome) -> None:
-    checks = [Check("x", outcome, None, None, None, None, "s", "") for outcome in outcomes]
-    assert overall(checks) is whole
+def test_the_whole_is_its_worst_part() -> None:
+    passed, failed, undecided = (Check("x", outcome) for outcome in (PASS, FAIL, UNDECIDED))
+    assert overall([passed, undecided]) is UNDECIDED
+    assert overall([undecided, failed, passed]) is FAIL
+    assert overall([]) is UNDECIDED
 
 
 @pytest.mark.parametrize(
@@ -410,28 +384,6 @@ def test_every_channel_has_the_error_of_its_own_excursions() -> None:
     found = bounded(record, other)
     errors = [[c.readings[name].uncertainty for name in EXCURSIONS] for c in found.channels]
     assert np.array(errors) == pytest.approx(np.array([[0.021, 0.0], [0.0, 0.01]]))
-    # 0.1 + 0.021 is below 0.3, 0.01 is not above 0.02
-    assert max(found.readings[name].uncertainty for name in EXCURSIONS) < 1e-12
-    known = {
-        name: Reading(value, 1e-4) for name, value in (("overshoot", 0.1), ("undershoot", 0.02))
-    }
-    found = bounded(measured(channel(overshoot=0.101)), measured(channel(**known)))
-    errors = [found.readings[name].uncertainty for name in EXCURSIONS]
-    assert errors == pytest.approx([1.1e-3, 1e-4])
-
-
-def test_the_network_settles_with_its_last_channel_within_the_bounds_of_all() -> None:
-    record = measured(
-        channel(0, settling_time=Reading(1.0e-3, 0.0)),
-        channel(1, settling_time=Reading(0.9e-3, 0.0)),
-    )
-    other = measured(
-        channel(0, settling_time=Reading(1.01e-3, 1e-6)),
-        channel(1, settling_time=Reading(1.2e-3, 1e-6)),
-    )
-    found = bounded(record, other).settling_time
-    assert found.value == 1.0e-3
-    assert found.uncertainty == pytest.approx(2.01e-4)  # the true time is 1.2 ms
 
 
 def test_a_fragile_reading_and_a_faint_damping_are_warnings() -> None:

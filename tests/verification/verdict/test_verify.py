@@ -22,11 +22,9 @@ from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.settling import ChannelState
-from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
-from taction.verification.verdict import board as board_module
 from taction.verification.verdict import run as module
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.board import Board
@@ -133,19 +131,6 @@ def test_half_the_capacitance_oscillates(engine: str) -> None:
         assert channel.growth_rate == pytest.approx(pole.real, rel=0.02)
     assert "oscillates at 37.9 kHz, growth rate +7.865 k/s" in named(verdict, "stability").reason
     assert "every channel oscillating at 37.9" in named(verdict, "steady_state").reason
-
-
-def test_an_untrusted_reference_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = board_module.ideal_answer
-
-    def doubted(*args: Any) -> IdealAnswer:
-        return replace(original(*args), problem="the certificate is above its bound")
-
-    monkeypatch.setattr(board_module, "ideal_answer", doubted)
-    verdict = verify(shipped("tuned-breadboard", analysis={"engine": "statespace"}))
-    assert verdict.outcome is Outcome.INCONCLUSIVE
-    assert named(verdict, "steady_state").outcome is Outcome.INCONCLUSIVE
-    assert named(verdict, "stability").outcome is Outcome.PASS
 
 
 @pytest.mark.usefixtures("ngspice")
