@@ -105,9 +105,11 @@ def test_a_file_comes_back_whole_or_is_refused(tmp_path: Path) -> None:
     ("text", "shown"),
     [
         ("plain µ Ω", "plain µ Ω"),
+        ("a\r\tb", r"a\r\tb"),
         ("\x1b]0;title\x07", r"\x1b]0;title\x07"),
         ("\u202eevil\u2028", r"\u202eevil\u2028"),
         ("\udcff", r"\udcff"),
+        ("::error::x", r"\x3a:error::x"),
         ("  ::error::x", r"  \x3a:error::x"),
         ("a\n::error::x", r"a\n::error::x"),
         ("a::b", "a::b"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,20 @@ def test_an_op_amp_a_millionth_faster_is_outside() -> None:
     one = board_scene(3)
     faster = with_values(one, {"design.opamp.gbw": one.design.opamp.gbw * (1.0 + 1e-6)})
     assert sum(each.outside for each in compare(verify(one), true_values(faster))) > 4
+
+
+def test_a_faulty_board_does_not_pass() -> None:
+    """One resistor of array 2 is 2 % off: the witnesses do not hide it."""
+    one = scene("pinv")
+    circuit = taction.synthesise(one)
+    feedback = next(each for each in circuit.matrices if each.name == "Rb")
+    ohms = feedback.ohms.copy()
+    ohms[1, 1] *= 1.02
+    wrong = tuple(
+        replace(each, ohms=ohms) if each is feedback else each for each in circuit.matrices
+    )
+    found = verify(one, circuit=replace(circuit, matrices=wrong))
+    assert named(found, "steady_state").outcome is Outcome.FAIL
 
 
 def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None:

@@ -31,6 +31,7 @@ def test_a_record_states_what_the_verdict_states_and_leads_back() -> None:
     assert (record.outcome, record.reason, record.failed) == ("pass", "", ())
     assert record.figure("settling_time") == Figure(settling.value, "s", settling.uncertainty)
     assert record.figures.keys() == FIGURES.keys()
+    assert record.value("lambda") == verdict.circuit.value("lambda")
     assert record.checks == verdict.checks
     pole = verdict.poles.rightmost
     assert record.pole == pytest.approx((pole.real, abs(pole.imag)), rel=1e-12)
