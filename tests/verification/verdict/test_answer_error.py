@@ -230,22 +230,6 @@ def test_a_noiseless_problem_that_cannot_be_solved(monkeypatch: pytest.MonkeyPat
     assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
 
 
-def test_rounding_in_the_passive_topology_has_each_resistor_of_its_own() -> None:
-    """There every R_n has another value, and its own rounding."""
-    design = {"topology": "passive", "opamp": {"base": "ideal", "dc_gain": 1e9}}
-    verdict = judged(known=False, **design, **{"lambda": None, "resistance": "20kohm"})
-    values = {part.name: part.ohms for part in verdict.circuit.resistors}
-    assert len({values[f"r_{n}"] for n in (1, 2, 3)}) == 3
-    part = next(part for part in verdict.budget if part.name == "resistors")
-    # The equations of the network with a conductance of its own for each channel.
-    G = verdict.circuit.realised * 1e-5
-    load = np.array([1.0 / values[f"r_{n}"] for n in (1, 2, 3)]) + np.abs(G).sum(axis=0)
-    s = values["s_1"]
-    rest = np.linalg.solve(np.diag(load) + s * G.T @ G, s * G.T @ EPS * 1e-5 * U0)
-    built = verdict.ideal.target + np.array(part.channels)
-    assert built == pytest.approx(rest, rel=1e-9)
-
-
 def test_offset_and_input_currents_are_links_of_their_own() -> None:
     """One channel, T = 1, s = 1/G0: against Kirchhoff's law at the three inverting inputs."""
     opamp = {"base": "ideal", "dc_gain": 1e12, "offset_voltage": 1e-3, "bias_current": 1e-9}
@@ -255,19 +239,13 @@ def test_offset_and_input_currents_are_links_of_their_own() -> None:
     parts = {part.name: part for part in verdict.budget}
     assert list(parts)[2:5] == ["opamps", "offset_voltage", "input_currents"]
     causes = {"offset_voltage": (1e-3, 0.0), "input_currents": (0.0, 1e-9)}
-    for name, (volts, amps) in causes.items():
-        moved = _moved(volts, amps, lam=LAM, R=1e5, r=1e4)
+    G, Gl, g = 1e-5, LAM * 1e-5, 1e-4
+    # Of the outputs u, a, w without strain; each input is at e, and takes the current.
+    law = np.array([[g, g, 0.0], [0.0, G, G], [Gl, 0.0, G]])
+    for name, (e, current) in causes.items():
+        moved = np.linalg.solve(law, e * law.sum(axis=1) + current)[0]
         assert abs(parts[name].channels[0]) == pytest.approx(abs(moved), rel=1e-6)
     assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
-
-
-def _moved(e: float, current: float, *, lam: float, R: float, r: float) -> float:
-    """Solve Kirchhoff's law at the three inverting inputs, each at e, for u without strain."""
-    G, Gl = 1.0 / R, lam / R
-    # Unknowns u, a, w; the current leaves each node into its input.
-    A = np.array([[1 / r, 1 / r, 0.0], [0.0, G, G], [Gl, 0.0, G]])
-    b = np.array([2 * e / r, 2 * e * G, e * (Gl + G)]) + current
-    return float(np.linalg.solve(A, b)[0])
 
 
 def test_limits_are_a_link_of_their_own() -> None:
@@ -279,8 +257,6 @@ def test_limits_are_a_link_of_their_own() -> None:
     assert list(parts)[2:5] == ["resistors", "opamps", "limits"]
     assert parts["limits"].value is not None
     assert 0.0 < parts["limits"].value < 1e-3
-    whole = np.array(budget.total.channels) if budget.total else np.zeros(3)
-    assert np.all(np.abs(np.array(budget.summed) - whole) <= 0.01 * np.abs(whole))
 
 
 def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
@@ -317,9 +293,8 @@ def test_a_budget_that_is_not_known_is_empty_and_a_warning(monkeypatch: pytest.M
     assert budget_parts(ErrorBudget()) == {}
 
 
-def scene(prune: float, amplifier: str = "linear") -> Scene:
-    design = {"prune": prune, "amplifier": amplifier, "lambda": 0.8, "resistor_series": "E96"}
-    design |= {"unit_voltage": 2.0}
+def scene(prune: float) -> Scene:
+    design = {"prune": prune, "lambda": 0.8, "resistor_series": "E96", "unit_voltage": 2.0}
     return make_scene(design=design, analysis={"engine": "statespace"})
 
 
@@ -353,11 +328,8 @@ WITHOUT_A_ROW = taction.Scene.from_arrays(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("asked", "entries"),
-    [(scene(PRUNE, "exponential"), 2), (scene(PRUNE, "softplus"), 2), (WITHOUT_A_ROW, 4)],
-)
-def test_other_boards_have_a_bound_too(asked: Scene, entries: int) -> None:
-    (found,) = (part for part in taction.verify(asked).budget if part.name == "pruning")
-    assert found.how.startswith(f"answer without {entries} entries of T")
+def test_a_board_that_loses_a_row_has_a_bound_too() -> None:
+    budget = taction.verify(WITHOUT_A_ROW).budget
+    (found,) = (part for part in budget if part.name == "pruning")
+    assert found.how.startswith("answer without 4 entries of T")
     assert 0.0 < found.value <= found.bound < found.value * (1.0 + 1e-6)

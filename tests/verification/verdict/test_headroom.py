@@ -163,9 +163,7 @@ LATER = ("slewing", "many unknowns")
 
 
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize(
-    "name", [*(name for name in SLEWING if name not in LATER), *nightly(*LATER)]
-)
+@pytest.mark.parametrize("name", [*sorted({*SLEWING} - {*LATER}), *nightly(*LATER)])
 def test_both_engines_agree_on_slewing_boards(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "many unknowns":  # solved through its structure
         monkeypatch.setattr(descriptor, "LARGE", 100)
