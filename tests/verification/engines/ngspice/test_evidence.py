@@ -230,3 +230,17 @@ def test_a_long_error_stream_has_its_first_and_last_lines() -> None:
     lines = [f"line {n}" for n in range(40)]
     shown = [*lines[:6], "... 28 lines", *lines[-6:]]
     assert important_lines("\n".join(["Note: nothing", *lines])).split("\n") == shown
+
+
+def test_a_record_whose_first_vector_is_no_time_is_no_evidence(tmp_path: Path) -> None:
+    write_raw(tmp_path / "out.raw", record())
+    whole = (tmp_path / "out.raw").read_bytes()
+    for name, other in (
+        (b"\ttime\t", b"\tx\t"),
+        (b"\tv(out)\t", b"\ttime\t"),
+        (b"\tx\t", b"\tv(out)\t"),
+    ):
+        whole = whole.replace(name, other, 1)
+    (tmp_path / "out.raw").write_bytes(whole)
+    with pytest.raises(BadEvidence, match=r"the first vector is 'v\(out\)', not time"):
+        accepted_waveforms(DECK, ending(tmp_path), engine="ngspice-46", bound=1e6)

@@ -11,7 +11,7 @@ import pytest
 
 from taction.system import errors
 from taction.system.array_types import Waveforms
-from taction.verification.engines.ngspice.commands import MEMORY, Answers, expand
+from taction.verification.engines.ngspice.commands import MEMORY, Answers, expand, listed_cards
 from taction.verification.engines.ngspice.process import (
     Simulation,
     Simulator,
@@ -201,6 +201,11 @@ def test_version_and_solver(answer: str, version: int, option: str, tmp_path: Pa
     for asked in ("klu", "noopiter"):
         right = "KLU" if asked == option == "klu" else "Sparse"
         assert simulator.solver_of(f"* title\n.options {asked}\n.end\n") == right
+
+
+def test_a_source_whose_card_may_be_listed_without_its_end_is_named() -> None:
+    with pytest.raises(errors.DidNotLoad, match="E1: too many terms"):
+        listed_cards(f" 1 : e1 out 0 {'v(in) ' * 800}")
 
 
 def test_a_signal_that_ended_the_question_for_the_version_is_named(tmp_path: Path) -> None:
