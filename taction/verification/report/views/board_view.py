@@ -50,7 +50,8 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
 def board_blocks(circuit: Circuit, scene: Scene) -> tuple[Content, ...]:
     """Return the middle channel and the sensor row it drives most, the matrix, and the numbers."""
     n = circuit.shape[1] // 2
-    k = int(np.argmin(circuit.forward_ohms[:, n]))
+    ohms = circuit.forward_ohms[:, n]
+    k = int(np.argmax(ohms <= ohms.min() * (1.0 + 1e-9)))  # the first of equal ones
     text = (
         f"Channel {n + 1} and sensor row {k + 1}. Of each matrix only the resistor between the two"
         " is drawn; stray capacitances and supplies are not."
